@@ -1,0 +1,56 @@
+# Everything a person does here is one word: make demo, make test, make serve, make lint, make bench.
+PYTHON ?= python3
+BIN := .venv/bin
+PIP := $(BIN)/pip --disable-pip-version-check
+
+.PHONY: help demo serve test lint bench lock clean
+
+help:  ## Say what can be made
+	@sed -n 's/^\([a-z]*\):.*  ## /  make \1\t/p' $(MAKEFILE_LIST) | expand -t 16
+
+demo: .venv/runtime  ## Localise the built-in burst of 2012-06-07 and print the result
+	$(BIN)/bella run
+
+serve: .venv/runtime  ## API and pages on http://127.0.0.1:8000
+	$(BIN)/bella serve
+
+test: .venv/test  ## Everything that must hold, without a network
+	$(BIN)/pytest
+
+lint: .venv/test  ## Style, types, and who may import whom
+	$(BIN)/ruff check .
+	$(BIN)/ruff format --check .
+	$(BIN)/mypy
+	$(BIN)/lint-imports --no-cache | tail -n 12
+
+bench: .venv/test  ## Measure what README claims about speed
+	$(BIN)/python -m benchmarks
+
+lock:  ## Pin every dependency anew, without any registry address
+	$(PYTHON) -m venv .venv/lock && .venv/lock/bin/pip install --quiet uv
+	.venv/lock/bin/uv pip compile $(LOCK_OPTIONS) --extra build -o .lock/runtime.txt pyproject.toml
+	.venv/lock/bin/uv pip compile $(LOCK_OPTIONS) --extra build --extra test -c .lock/runtime.txt -o .lock/test.txt pyproject.toml
+
+clean:  ## Remove what was installed and made here
+	rm -rf .venv bella-home test-artifacts
+
+LOCK_OPTIONS := --universal --fork-strategy fewest --python-version 3.11 --generate-hashes \
+	--no-annotate --no-header --quiet
+
+.venv/python:
+	@$(PYTHON) -c 'import sys; sys.exit(not (3, 11) <= sys.version_info[:2] <= (3, 13))' \
+	|| { echo "BELLA needs Python 3.11 to 3.13: make PYTHON=python3.12 ..." >&2; exit 2; }
+	@$(PYTHON) -m venv .venv \
+	|| { echo "Python's venv is missing: apt install python3-venv" >&2; exit 2; }
+	@touch $@
+
+.venv/runtime: .lock/runtime.txt pyproject.toml | .venv/python
+	@echo "Installing 160 pinned packages into .venv (1.2 GB; a minute or two, once) ..."
+	@$(PIP) install --quiet --no-deps --require-hashes -r .lock/runtime.txt
+	@$(PIP) install --quiet --no-build-isolation --no-deps --editable .
+	@touch $@
+
+.venv/test: .lock/test.txt .venv/runtime
+	@echo "Installing what the tests need into .venv ..."
+	@$(PIP) install --quiet --no-deps --require-hashes -r .lock/test.txt
+	@touch $@

@@ -1,0 +1,41 @@
+"""What every test shares: where the reference files are, and no network but the loopback."""
+
+import os
+import socket
+import tempfile
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import hypothesis
+import pytest
+
+hypothesis.settings.register_profile("repeatable", derandomize=True, deadline=None)
+hypothesis.settings.load_profile("repeatable")
+pytest_plugins = ["tests.fixtures_postgres"]
+
+os.environ.setdefault("PREFECT_HOME", tempfile.mkdtemp(prefix="bella-prefect-"))
+REFERENCE_FILES = Path(os.environ.get("BELLA_REFERENCE_FILES", Path(__file__).parents[2] / "shared" / "data"))
+
+
+@pytest.fixture(scope="session")
+def reference_files() -> Path:
+    """Folder of real archive files; they are too large, or not ours, to be kept in the repository."""
+    if not REFERENCE_FILES.is_dir():
+        pytest.skip("no reference files: set BELLA_REFERENCE_FILES to the folder that holds them")
+    return REFERENCE_FILES
+
+
+@pytest.fixture(autouse=True, scope="session")
+def _loopback_only() -> Iterator[None]:
+    """A test that reaches for the network fails where it does so."""
+    connect = socket.socket.connect
+
+    def guarded(self: socket.socket, address: Any) -> None:
+        if self.family in {socket.AF_INET, socket.AF_INET6} and address[0] not in {"127.0.0.1", "::1", "localhost"}:
+            raise OSError(f"a test tried to reach {address[0]}: only the loopback is allowed")
+        connect(self, address)
+
+    socket.socket.connect = guarded  # type: ignore[method-assign,assignment]
+    yield
+    socket.socket.connect = connect  # type: ignore[method-assign]
