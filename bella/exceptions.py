@@ -1,0 +1,56 @@
+"""One tree of errors.
+
+Every message is one line that names what is wrong and says what to do next. Whether trying again can help is a
+property of the class, so that a flow decides on retries without reading messages.
+"""
+
+from typing import ClassVar
+
+
+class BellaError(Exception):
+    """Root of all errors raised on purpose.
+
+    Attributes
+    ----------
+    retriable : bool
+        True where the same call may succeed later without any change of its input.
+    exit_code : int
+        Exit status of the command line: 1 for failed, 2 for bad input.
+    """
+
+    retriable: ClassVar[bool] = False
+    exit_code: ClassVar[int] = 1
+
+
+class InputError(BellaError):
+    """What the caller handed over is wrong; the message names the row, column or option."""
+
+    exit_code: ClassVar[int] = 2
+
+
+class GeometryError(InputError):
+    """The positions of the receivers do not allow the question that was asked."""
+
+
+class NoDataError(BellaError):
+    """What was asked for does not exist: no such burst, no data for this time."""
+
+
+class ConvergenceError(BellaError):
+    """A sampler or solver ended without an answer that can be trusted."""
+
+
+class StoreError(BellaError):
+    """The catalogue or the posterior store is damaged, or of a version this code does not know."""
+
+
+class BusyError(BellaError):
+    """Another run is at work on the same subject, or a queue is full: try again later."""
+
+    retriable: ClassVar[bool] = True
+
+
+class UnreachableError(BellaError):
+    """A service this work needs (database, archive) did not answer: try again later."""
+
+    retriable: ClassVar[bool] = True

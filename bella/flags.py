@@ -1,0 +1,28 @@
+"""Every quality flag that a result may carry, with its meaning: the only place where the words stand."""
+
+NOT_CONSTRAINED = 0.9
+"""A parameter whose posterior is wider than this share of its prior has not been measured."""
+
+LOCALISATION_FLAGS = {
+    "speed_not_constrained": "The posterior of the propagation speed is wider than 0.9 of its prior: the timing says "
+    "nothing about it. Always so with three receivers, where any speed fits.",
+    "position_not_constrained": "Along some direction the position is wider than 0.9 of its prior: there the answer "
+    "is the prior.",
+    "multimodal": "Several separate positions explain the arrival times; mean and covariance describe none of them.",
+    "arrivals_inconsistent": "No source explains the arrival times within their errors: one of them, or its error, is "
+    "wrong, and the position means nothing.",
+    "few_effective_draws": "The draws carry less than half of the information of independent ones.",
+}
+"""Flags of one frequency of a solution."""
+
+TRACK_FLAGS = {
+    "formal_errors": "Formal errors: they take the positions as independent, but positions from smoothed t(f) curves "
+    "share their errors, and the true ones are several times larger.",
+    "too_few_positions": "Fewer than three positions, or all at one distance: no spiral was fitted.",
+    "not_a_spiral": "The longitude does not fall with distance within the errors: no solar wind speed follows from "
+    "this track.",
+}
+"""Flags of a fit to the track of a burst."""
+
+FLAGS = LOCALISATION_FLAGS | TRACK_FLAGS
+"""Name and meaning of every flag."""

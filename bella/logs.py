@@ -1,0 +1,32 @@
+"""Structured logs: one JSON object per line, with the burst and run they belong to bound by whoever knows them."""
+
+import logging
+import sys
+from pathlib import Path
+
+import structlog
+
+
+def log_to(path: Path | None) -> None:
+    """Send the logs to a file, or to standard error.
+
+    Parameters
+    ----------
+    path : Path or None
+        File to append to; its folder is made. None: standard error.
+    """
+    if path is not None:
+        path.parent.mkdir(parents=True, exist_ok=True)
+    stream = sys.stderr if path is None else path.open("a", encoding="utf-8", buffering=1)
+    structlog.configure(
+        processors=[
+            structlog.contextvars.merge_contextvars,
+            structlog.processors.add_log_level,
+            structlog.processors.TimeStamper(fmt="iso", utc=True),
+            structlog.processors.format_exc_info,
+            structlog.processors.JSONRenderer(),
+        ],
+        wrapper_class=structlog.make_filtering_bound_logger(logging.INFO),
+        logger_factory=structlog.WriteLoggerFactory(file=stream),
+        cache_logger_on_first_use=True,
+    )

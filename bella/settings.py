@@ -1,0 +1,59 @@
+"""The one place where settings are read: every field may be set by an environment variable ``BELLA_<FIELD>``.
+
+Read by the command line, the flows, the API and the migrations only; the science takes arguments.
+"""
+
+from pathlib import Path
+
+from pydantic import Field, PositiveFloat, PositiveInt
+from pydantic_settings import BaseSettings, SettingsConfigDict
+
+
+class Settings(BaseSettings):
+    """Where things are kept and how much the service takes on."""
+
+    model_config = SettingsConfigDict(env_prefix="BELLA_", extra="ignore")
+
+    home: Path = Field(default=Path("bella-home"), description="Folder that holds everything the service writes.")
+    database_url: str | None = Field(
+        default=None,
+        description="SQLAlchemy URL of the catalogue, such as postgresql+psycopg://user:password@host/bella. "
+        "Without it the catalogue is the file catalogue.sqlite in the home folder.",
+    )
+    max_pending_submissions: PositiveInt = Field(
+        default=100, description="Arrival tables that may wait for the next run; further ones are asked to come later."
+    )
+    max_submission_bytes: PositiveInt = Field(
+        default=2_000_000, description="Largest arrival table that is accepted over HTTP, bytes."
+    )
+    lease_s: PositiveFloat = Field(
+        default=300.0, description="Time after which a run that has shown no sign of life counts as dead, s."
+    )
+    schedule_s: PositiveFloat = Field(default=300.0, description="Interval of the scheduled deployment, s.")
+    draws: PositiveInt = Field(default=4000, description="Posterior draws kept per frequency.")
+    seed: int = Field(default=20120607, description="Seed of the posterior draws; stored with every solution.")
+
+    @property
+    def catalogue_url(self) -> str:
+        """SQLAlchemy URL of the catalogue."""
+        return self.database_url or f"sqlite:///{(self.home / 'catalogue.sqlite').resolve()}"
+
+    @property
+    def store_root(self) -> Path:
+        """Folder of the Zarr groups."""
+        return self.home / "store"
+
+    @property
+    def figures_root(self) -> Path:
+        """Folder of the figures, one folder per burst in it."""
+        return self.home / "figures"
+
+    @property
+    def incoming_root(self) -> Path:
+        """Folder of the arrival tables that were handed in and wait for the next run."""
+        return self.home / "incoming"
+
+    @property
+    def cache_root(self) -> Path:
+        """Folder for what libraries cache (compiled models, fonts)."""
+        return self.home / "cache"

@@ -1,0 +1,62 @@
+"""Settings: each documented, each set by its environment variable."""
+
+from pathlib import Path
+
+import pytest
+from pydantic import ValidationError
+
+from bella.settings import Settings
+
+FIELDS = list(Settings.model_fields)
+
+
+@pytest.mark.parametrize("name", FIELDS)
+def test_every_setting_says_what_it_is(name) -> None:
+    description = Settings.model_fields[name].description
+
+    assert description
+    assert description.endswith(".")
+    assert len(description) > 20
+
+
+@pytest.mark.parametrize("name", FIELDS)
+def test_every_setting_has_an_environment_variable(name, monkeypatch) -> None:
+    default = getattr(Settings(), name)
+    monkeypatch.setenv(f"BELLA_{name.upper()}", "/elsewhere/7" if isinstance(default, Path | None) else "7")
+
+    value = getattr(Settings(), name)
+    assert value != default
+    assert str(value) in {"/elsewhere/7", "7", "7.0"}
+
+
+def test_the_catalogue_is_a_file_in_the_home_folder_unless_a_database_is_named(monkeypatch, tmp_path) -> None:
+    monkeypatch.delenv("BELLA_DATABASE_URL", raising=False)
+    monkeypatch.chdir(tmp_path)
+
+    assert Settings(home=Path("here")).catalogue_url == f"sqlite:///{tmp_path.resolve()}/here/catalogue.sqlite"
+    assert Settings(home=tmp_path, database_url="").catalogue_url.startswith("sqlite:///")
+    url = "postgresql+psycopg://user@host/bella"
+    monkeypatch.setenv("BELLA_DATABASE_URL", url)
+    assert Settings(home=tmp_path).catalogue_url == url
+
+
+def test_everything_is_kept_below_the_home_folder(tmp_path) -> None:
+    settings = Settings(home=tmp_path)
+    roots = [settings.store_root, settings.figures_root, settings.incoming_root, settings.cache_root]
+
+    assert all(root.parent == tmp_path for root in roots)
+    assert len(set(roots)) == len(roots)
+
+
+@pytest.mark.parametrize(
+    ("name", "value"),
+    [("draws", 0), ("draws", "many"), ("lease_s", -1), ("max_pending_submissions", 0), ("schedule_s", 0)],
+)
+def test_senseless_values_are_refused(name, value) -> None:
+    with pytest.raises(ValidationError, match=name):
+        Settings(**{name: value})
+
+
+def test_foreign_variables_do_no_harm(monkeypatch) -> None:
+    monkeypatch.setenv("BELLA_REFERENCE_FILES", "/nowhere")
+    assert Settings().draws > 0
