@@ -1,0 +1,26 @@
+"""Bursts: edges of light curves, arrival times, their evolution with frequency, and the built-in event."""
+
+from bella.bursts.edges import half_maximum_edge, spectrum_edges
+from bella.bursts.event import (
+    EVENT,
+    half_maximum_arrivals,
+    half_maximum_edges,
+    published_arrivals,
+    published_rise_times,
+)
+from bella.bursts.identity import burst_id, onset
+from bella.bursts.time_evolution import TimeEvolution, fit_time_evolution
+
+__all__ = [
+    "EVENT",
+    "TimeEvolution",
+    "burst_id",
+    "fit_time_evolution",
+    "half_maximum_arrivals",
+    "half_maximum_edge",
+    "half_maximum_edges",
+    "onset",
+    "published_arrivals",
+    "published_rise_times",
+    "spectrum_edges",
+]

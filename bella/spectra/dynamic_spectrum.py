@@ -1,0 +1,182 @@
+"""The form of a dynamic spectrum, and reading light curves off it.
+
+A dynamic spectrum is an :class:`xarray.Dataset` with dimensions ``time`` and ``frequency``:
+
+- ``time``: UTC centre of each record, ascending; ``frequency``: MHz, ascending;
+- ``intensity(time, frequency)``: NaN where there are no data;
+- optional ``sample_offset_s(frequency)`` or ``sample_time(time, frequency)`` for receivers that step through a sweep;
+- optional ``interpolated(frequency)``: True for channels that were not measured;
+- attributes ``observatory``, ``receiver``, ``quantity`` (one of ``QUANTITIES``), ``integration_s``, ``source_files``;
+- optional attribute ``power_exponent`` with ``relative_flux``: 2 where intensity is an amplitude, as of Wind, else 1.
+
+Whatever is written in this form to netCDF or Zarr can be fed in, whichever instrument it comes from.
+"""
+
+import numpy as np
+import numpy.typing as npt
+import xarray as xr
+
+from bella.exceptions import InputError
+from bella.units import FloatArray
+
+QUANTITIES = ("db_over_background", "voltage_ratio", "psd_v2_hz", "flux_w_m2_hz", "relative_flux")
+"""What ``intensity`` may be."""
+
+ATTRIBUTES = ("observatory", "receiver", "quantity", "integration_s", "source_files")
+OPTIONAL_DIMENSIONS = {
+    "sample_offset_s": ("frequency",),
+    "sample_time": ("time", "frequency"),
+    "interpolated": ("frequency",),
+}
+
+
+def validate_spectrum(spectrum: xr.Dataset, source: str) -> xr.Dataset:
+    """Check that a dataset has the form of a dynamic spectrum.
+
+    Parameters
+    ----------
+    spectrum : xarray.Dataset
+        What was read.
+    source : str
+        File or group it came from, named in the error.
+
+    Returns
+    -------
+    xarray.Dataset
+        The same dataset, so that a reader can end with this call.
+
+    Raises
+    ------
+    InputError
+        If it has not; the message names what is wrong.
+    """
+    complaint = _wrong_attribute(spectrum) or _wrong_axis(spectrum) or _wrong_variable(spectrum)
+    if complaint:
+        raise InputError(f"{source} is not a dynamic spectrum: {complaint}")
+    return spectrum
+
+
+def _wrong_attribute(spectrum: xr.Dataset) -> str:
+    missing = [name for name in ATTRIBUTES if name not in spectrum.attrs]
+    if missing:
+        return f"add the attribute {missing[0]!r}"
+    if not str(spectrum.attrs["observatory"]).strip():
+        return "attribute 'observatory' is empty: name the spacecraft"
+    if spectrum.attrs["quantity"] not in QUANTITIES:
+        return f"attribute 'quantity' is {spectrum.attrs['quantity']!r}: use one of {', '.join(QUANTITIES)}"
+    return _wrong_number(spectrum, "integration_s") or _wrong_number(spectrum, "power_exponent")
+
+
+def _wrong_number(spectrum: xr.Dataset, name: str) -> str:
+    value = spectrum.attrs.get(name, 1.0)
+    try:
+        return "" if 0.0 < float(value) < np.inf else f"attribute {name!r} is {value!r}: give a number above zero"
+    except (TypeError, ValueError):
+        return f"attribute {name!r} is {value!r}: give a number above zero"
+
+
+def _wrong_axis(spectrum: xr.Dataset) -> str:
+    missing = [name for name in ("time", "frequency") if name not in spectrum.coords or spectrum[name].dims != (name,)]
+    if missing:
+        return f"add the coordinate {missing[0]!r} along a dimension of that name"
+    time, frequency = spectrum["time"].to_numpy(), spectrum["frequency"].to_numpy()
+    if not np.issubdtype(time.dtype, np.datetime64):
+        return f"coordinate 'time' is {time.dtype}: store UTC with CF time units"
+    if not np.issubdtype(frequency.dtype, np.number):
+        return f"coordinate 'frequency' is {frequency.dtype}: give MHz"
+    if spectrum["frequency"].attrs.get("units", "MHz") != "MHz":
+        return f"coordinate 'frequency' is in {spectrum['frequency'].attrs['units']}: convert it to MHz"
+    return _wrong_order(time, frequency)
+
+
+def _wrong_order(time: npt.NDArray[np.datetime64], frequency: FloatArray) -> str:
+    if time.size < 2 or frequency.size < 1:
+        return f"it holds {time.size} records of {frequency.size} channels: give at least two records of one"
+    if np.isnat(time).any() or not (np.diff(time) > np.timedelta64(0)).all():
+        return "coordinate 'time' does not ascend: sort the records and drop repeated ones"
+    if not (np.isfinite(frequency).all() and frequency[0] > 0.0 and (np.diff(frequency) > 0.0).all()):
+        return "coordinate 'frequency' does not ascend from above zero: sort the channels and drop repeated ones"
+    return ""
+
+
+def _wrong_variable(spectrum: xr.Dataset) -> str:
+    if "intensity" not in spectrum:
+        return "add the variable 'intensity'"
+    if not np.issubdtype(spectrum["intensity"].dtype, np.floating):
+        return f"variable 'intensity' is {spectrum['intensity'].dtype}: use float32, NaN where there are no data"
+    expected = {"intensity": ("time", "frequency"), **OPTIONAL_DIMENSIONS}
+    for name, dims in expected.items():
+        if name in spectrum and spectrum[name].dims != dims:
+            return f"variable {name!r} has dimensions {spectrum[name].dims}: order them {dims}"
+    return ""
+
+
+def relative_power(spectrum: xr.Dataset) -> xr.DataArray:
+    """Intensity as a quantity proportional to power, so that half of it is the same level for every receiver.
+
+    Parameters
+    ----------
+    spectrum : xarray.Dataset
+        A dynamic spectrum.
+
+    Returns
+    -------
+    xarray.DataArray
+        Float64 (time, frequency), arbitrary unit. Amplitudes are squared, decibels raised; NaN stays NaN.
+    """
+    intensity = spectrum["intensity"].astype(np.float64)
+    quantity = spectrum.attrs["quantity"]
+    if quantity == "db_over_background":
+        return 10.0 ** (intensity / 10.0)
+    exponent = 2.0 if quantity == "voltage_ratio" else float(spectrum.attrs.get("power_exponent", 1.0))
+    return intensity**exponent
+
+
+def sample_times(spectrum: xr.Dataset) -> xr.DataArray:
+    """When every sample was taken.
+
+    Parameters
+    ----------
+    spectrum : xarray.Dataset
+        A dynamic spectrum.
+
+    Returns
+    -------
+    xarray.DataArray
+        datetime64[ns] (time, frequency), UTC: the time of the record unless the spectrum says how the sweep went.
+    """
+    if "sample_time" in spectrum:
+        return spectrum["sample_time"]
+    shape = xr.zeros_like(spectrum["intensity"], dtype="timedelta64[ns]")
+    if "sample_offset_s" in spectrum:
+        shape = shape + (spectrum["sample_offset_s"] * 1e9).round().astype("timedelta64[ns]")
+    return (spectrum["time"] + shape).transpose("time", "frequency")
+
+
+def light_curve(spectrum: xr.Dataset, frequency_mhz: float) -> xr.DataArray:
+    """Relative power of the channel nearest to a frequency.
+
+    Parameters
+    ----------
+    spectrum : xarray.Dataset
+        A dynamic spectrum.
+    frequency_mhz : float
+        MHz, not outside the first and last channel by more than a channel.
+
+    Returns
+    -------
+    xarray.DataArray
+        Shape (time,), with ``time`` the time of the samples of this channel and ``frequency`` its frequency, MHz.
+
+    Raises
+    ------
+    InputError
+        If the spectrum does not reach that frequency.
+    """
+    channels = spectrum["frequency"].to_numpy()
+    margin = np.diff(channels)[[0, -1]] if channels.size > 1 else np.zeros(2)
+    if not channels[0] - margin[0] <= frequency_mhz <= channels[-1] + margin[1]:
+        raise InputError(f"no channel at {frequency_mhz:g} MHz: choose from {channels[0]:g} to {channels[-1]:g} MHz")
+    nearest = {"frequency": int(np.abs(channels - frequency_mhz).argmin())}
+    curve = relative_power(spectrum).isel(nearest)
+    return curve.assign_coords(time=sample_times(spectrum).isel(nearest).to_numpy())
