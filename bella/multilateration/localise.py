@@ -1,0 +1,98 @@
+"""From an arrival table to the posterior of the source at every frequency, whatever the method."""
+
+from collections.abc import Callable
+from typing import Protocol
+
+import pandas as pd
+import xarray as xr
+
+from bella.arrivals import ArrivalGrid, arrival_grid, check_arrivals, locate_receivers
+from bella.exceptions import InputError
+from bella.multilateration.exact import exact_posterior
+from bella.multilateration.nuts import nuts_posterior
+from bella.multilateration.priors import apply_sigma_rule, find_preset
+from bella.multilateration.solution import Posterior, Recipe, solution_dataset
+
+
+class Method(Protocol):
+    """What localises: any function that turns arrival times into a posterior."""
+
+    def __call__(self, grid: ArrivalGrid, recipe: Recipe, advance: Callable[[int], None]) -> Posterior:
+        """Compute the posterior of each frequency of the grid."""
+
+
+METHODS: dict[str, Method] = {"posterior": exact_posterior, "nuts": nuts_posterior}
+"""``posterior``: exact, on adaptive cells. ``nuts``: the same model sampled with PyMC, the reference."""
+
+
+def check_choices(preset: str, method: str, dimensions: int = 2) -> None:
+    """Refuse what :func:`localise` would refuse, before anything is started.
+
+    Parameters
+    ----------
+    preset, method : str
+    dimensions : int
+
+    Raises
+    ------
+    InputError
+        Names the choice that is not known, and those that are.
+    """
+    find_preset(preset)
+    if method not in METHODS:
+        raise InputError(f"method {method!r} is not known; choose one of {', '.join(METHODS)}")
+    if dimensions != 2:
+        raise InputError(f"{dimensions} dimensions are not supported; use 2, the source in the ecliptic plane")
+
+
+def localise(  # noqa: PLR0913
+    arrivals: pd.DataFrame,
+    *,
+    preset: str = "default",
+    method: str = "posterior",
+    dimensions: int = 2,
+    draws: int = 4000,
+    seed: int = 0,
+    advance: Callable[[int], None] = lambda _: None,
+) -> xr.Dataset:
+    """Locate the source of a burst at every frequency heard by three or more receivers.
+
+    The model is that of Canizares et al. (2024, A&A, doi:10.1051/0004-6361/202347747).
+
+    Parameters
+    ----------
+    arrivals : pandas.DataFrame
+        As :func:`bella.arrivals.check_arrivals` returns it.
+    preset : str
+        A name of `bella.multilateration.PRESETS`.
+    method : str
+        A name of `bella.multilateration.METHODS`.
+    dimensions : int
+        2: the source is in the ecliptic plane.
+    draws : int
+        Posterior draws to keep per frequency.
+    seed : int
+    advance : callable
+        Told how many frequencies are done since the last call.
+
+    Returns
+    -------
+    xarray.Dataset
+        As :func:`bella.multilateration.solution.solution_dataset` describes.
+
+    Raises
+    ------
+    InputError
+        If preset, method or dimensions are not known, the table cannot be localised, or `draws` is below 1.
+    NoDataError
+        If the time is outside the ephemeris.
+    ConvergenceError
+        If the method ends without an answer.
+    """
+    check_choices(preset, method, dimensions)
+    if draws < 1:
+        raise InputError(f"{draws} draws are too few; ask for 1 or more")
+    chosen = find_preset(preset)
+    grid = apply_sigma_rule(arrival_grid(locate_receivers(check_arrivals(arrivals))), chosen)
+    recipe = Recipe(method, chosen, dimensions, draws, seed)
+    return solution_dataset(grid, METHODS[method](grid, recipe, advance), recipe)

@@ -1,0 +1,128 @@
+"""What is assumed before the data: priors of source and speed, and where the timing error comes from."""
+
+from dataclasses import dataclass, replace
+from typing import Literal
+
+import numpy as np
+
+from bella.arrivals import ArrivalGrid
+from bella.exceptions import InputError
+from bella.units import AU_RSUN, C_RSUN_S, FloatArray
+
+SigmaRule = Literal["table", "cadence", "constant"]
+
+CADENCE_S = {"WIND": 60.0, "STEREO-A": 38.05, "STEREO-B": 38.05}
+"""Cadences used as timing error by Canizares et al. (2024), Sect. 2, s."""
+
+
+@dataclass(frozen=True)
+class Priors:
+    """Priors of one localisation.
+
+    Attributes
+    ----------
+    tau_rsun : float
+        Standard deviation of each coordinate of the source, centred on the Sun, solar radii.
+    v_sd_c : float
+        Standard deviation of the propagation speed around c, in units of c.
+    emission_half_width_s : float
+        The emission time is uniform within this of the reference time, s.
+    """
+
+    tau_rsun: float = 1.5 * AU_RSUN / 4
+    v_sd_c: float = 0.001
+    emission_half_width_s: float = 86_400.0
+
+    @property
+    def slowness_mean(self) -> float:
+        """Mean of the Gaussian in u = 1/v that stands in for the Gaussian in v, s per solar radius."""
+        return (1 + self.v_sd_c**2) / C_RSUN_S
+
+    @property
+    def slowness_sd(self) -> float:
+        """Standard deviation of that Gaussian, s per solar radius."""
+        return self.v_sd_c * (1 + 2 * self.v_sd_c**2) / C_RSUN_S
+
+
+@dataclass(frozen=True)
+class Preset:
+    """A named choice of priors and timing error.
+
+    Attributes
+    ----------
+    name : str
+    priors : Priors
+    sigma_rule : {"table", "cadence", "constant"}
+        Timing error from the arrival table, from the cadence of the receiver, or `sigma_s` for all.
+    sigma_s : float
+        Used by the rule "constant", s.
+    """
+
+    name: str
+    priors: Priors
+    sigma_rule: SigmaRule
+    sigma_s: float = float("nan")
+
+    @property
+    def rule(self) -> str:
+        """The timing error in words, to be stored with every solution."""
+        if self.sigma_rule == "constant":
+            return f"{self.sigma_s:g} s for every receiver"
+        return {"table": "sigma_s of the arrival table", "cadence": "cadence of each receiver"}[self.sigma_rule]
+
+
+PRESETS = {
+    preset.name: preset
+    for preset in (
+        Preset("default", Priors(), "table"),
+        Preset("paper", Priors(v_sd_c=0.1), "cadence"),
+        Preset("bella-2024", Priors(), "constant", sigma_s=30.0),
+    )
+}
+"""``default``: timing errors as measured. ``paper``: what Canizares et al. (2024) say. ``bella-2024``: what the code
+published with that paper does (half of the 60 s cadence for all receivers, speed held to 0.001 c)."""
+
+
+def find_preset(name: str) -> Preset:
+    """Preset of a name.
+
+    Raises
+    ------
+    InputError
+        If there is none of that name.
+    """
+    if name not in PRESETS:
+        raise InputError(f"preset {name!r} is not known; choose one of {', '.join(PRESETS)}")
+    return PRESETS[name]
+
+
+def apply_sigma_rule(grid: ArrivalGrid, preset: Preset) -> ArrivalGrid:
+    """Replace the timing errors of a grid as a preset says; what is missing stays missing.
+
+    Parameters
+    ----------
+    grid : ArrivalGrid
+    preset : Preset
+
+    Returns
+    -------
+    ArrivalGrid
+
+    Raises
+    ------
+    InputError
+        If the rule needs the cadence of a receiver for which none is known.
+    """
+    if preset.sigma_rule == "table":
+        return grid
+    sigma_s = np.broadcast_to(_sigma_per_receiver(grid.observatories, preset), grid.sigma_s.shape)
+    return replace(grid, sigma_s=np.where(np.isfinite(grid.sigma_s), sigma_s, np.nan))
+
+
+def _sigma_per_receiver(observatories: tuple[str, ...], preset: Preset) -> FloatArray:
+    if preset.sigma_rule == "constant":
+        return np.full(len(observatories), preset.sigma_s)
+    unknown = [name for name in observatories if name not in CADENCE_S]
+    if unknown:
+        raise InputError(f"preset {preset.name!r} has no cadence for {unknown[0]}; use --preset default")
+    return np.array([CADENCE_S[name] for name in observatories])
