@@ -1,0 +1,23 @@
+"""Immutable Zarr groups: posteriors and spectra on disk, and the only importer of zarr.
+
+A group becomes visible in three steps, each of which may be the last one before a power cut: it is written under
+``.staging`` and flushed, read back and compared with what was given, and renamed to a name that is never used again.
+Only then does one commit in the catalogue refer to it. What no commit refers to is an orphan, and swept later.
+"""
+
+from bella.store.digest import content_sha256
+from bella.store.layout import group_file, place_group, sweep
+from bella.store.reading import FORMAT_VERSION, open_group, open_tree
+from bella.store.writing import stage_group, verify_group
+
+__all__ = [
+    "FORMAT_VERSION",
+    "content_sha256",
+    "group_file",
+    "open_group",
+    "open_tree",
+    "place_group",
+    "stage_group",
+    "sweep",
+    "verify_group",
+]

@@ -1,0 +1,139 @@
+"""Writing a group under a staging name and comparing what reached the disk with what was given."""
+
+import shutil
+import uuid
+import warnings
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import xarray as xr
+import zarr.codecs
+from zarr.errors import ZarrUserWarning
+
+from bella.exceptions import StoreError
+from bella.store.digest import content_lines, datasets_of, is_text, sha256_of_lines
+from bella.store.layout import STAGING, SUFFIX, flush, flush_tree
+from bella.store.reading import read_everything
+
+# one chunk per frequency is what one read needs, and one shard keeps 200 of them in one file
+_SHARDED = "draws"
+_SHUFFLED_ZSTD = {"cname": "zstd", "clevel": 5, "shuffle": "shuffle"}
+
+
+def stage_group(group: xr.Dataset | xr.DataTree, root: Path) -> Path:
+    """Write a group under a staging name and wait until it has reached the disk.
+
+    Parameters
+    ----------
+    group : xarray.Dataset or xarray.DataTree
+        A posterior, or spectra with one child per observatory. Encodings it brings along are ignored.
+    root : Path
+        Root of the store; made if it is not there.
+
+    Returns
+    -------
+    Path
+        The staged group, invisible until `place_group`.
+
+    Raises
+    ------
+    StoreError
+        Where it cannot be written; nothing is left behind.
+    """
+    staged = root.resolve() / STAGING / f"{uuid.uuid4().hex}{SUFFIX}"
+    try:
+        staged.parent.mkdir(parents=True, exist_ok=True)
+        _write(group, staged)
+        flush_tree(staged)
+        flush(staged.parent)
+    except (OSError, ValueError, TypeError) as error:
+        shutil.rmtree(staged, ignore_errors=True)
+        cause = str(error).partition("\n")[0]
+        raise StoreError(f"the group could not be written to {root} ({cause}): free or repair it, run again") from error
+    return staged
+
+
+def verify_group(path: Path, group: xr.Dataset | xr.DataTree) -> str:
+    """Read a staged group back from disk and compare every variable and attribute with what was given.
+
+    Parameters
+    ----------
+    path : Path
+        What `stage_group` returned.
+    group : xarray.Dataset or xarray.DataTree
+        What it was given.
+
+    Returns
+    -------
+    str
+        sha256 of the content; independent of compression, see `content_sha256`.
+
+    Raises
+    ------
+    StoreError
+        Where the disk holds anything else than what was given.
+    """
+    given = content_lines(_plain(group))
+    found = content_lines(read_everything(path, tree=isinstance(group, xr.DataTree)))
+    different = sorted(name for name in given.keys() | found.keys() if given.get(name) != found.get(name))
+    if different:
+        raise StoreError(
+            f"{path.name} differs from what was given in {', '.join(different)}: run again, check the disk"
+        )
+    return sha256_of_lines(given)
+
+
+def _write(group: xr.Dataset | xr.DataTree, path: Path) -> None:
+    with warnings.catch_warnings():
+        # readers that do not know consolidated metadata ignore it, and remote ones need one request instead of many
+        warnings.filterwarnings("ignore", message="Consolidated metadata", category=ZarrUserWarning)
+        for node, dataset in datasets_of(_plain(group)):
+            dataset.to_zarr(
+                path,
+                group=node.strip("/") or None,
+                mode="w-",
+                zarr_format=3,
+                consolidated=False,
+                write_empty_chunks=True,
+                encoding={str(name): _encoding(name, variable) for name, variable in dataset.variables.items()},
+            )
+        zarr.consolidate_metadata(path, zarr_format=3)
+
+
+def _plain(group: xr.Dataset | xr.DataTree) -> xr.Dataset | xr.DataTree:
+    """Group without foreign encodings and with all text as Python strings, whose Zarr type is stable."""
+    if isinstance(group, xr.DataTree):
+        return xr.DataTree.from_dict({path: _plain_dataset(dataset) for path, dataset in datasets_of(group)})
+    return _plain_dataset(group)
+
+
+def _plain_dataset(dataset: xr.Dataset) -> xr.Dataset:
+    text = {name: _as_object(variable) for name, variable in dataset.variables.items() if is_text(variable.values)}
+    return dataset.assign(text).drop_encoding()
+
+
+def _as_object(variable: xr.Variable) -> xr.Variable:
+    values = np.asarray(variable.values)
+    as_str = np.array([str(value) for value in values.ravel()] + [None], dtype=object)[:-1]
+    return xr.Variable(variable.dims, as_str.reshape(values.shape), variable.attrs)
+
+
+def _encoding(name: Any, variable: xr.Variable) -> dict[str, Any]:
+    """Chunks, codecs and fill value of one variable; a checksum on every chunk makes damage an error, not a number."""
+    encoding: dict[str, Any] = {"chunks": tuple(max(length, 1) for length in variable.shape) or None}
+    if variable.dtype.kind == "f":
+        encoding |= {"fill_value": np.nan, "_FillValue": None}
+    if variable.dtype.kind in "mM":
+        encoding |= {"dtype": "int64"}
+    if name == _SHARDED and variable.ndim > 1 and variable.size:
+        shard = variable.shape
+        encoding |= {"chunks": (1, *shard[1:]), "shards": shard}
+    encoding["compressors"] = [*_codecs(variable), zarr.codecs.Crc32cCodec()]
+    return {key: value for key, value in encoding.items() if value is not None or key == "_FillValue"}
+
+
+def _codecs(variable: xr.Variable) -> list[Any]:
+    if is_text(variable.values) or variable.dtype.itemsize == 1:
+        return [zarr.codecs.ZstdCodec(level=5)]
+    return [zarr.codecs.BloscCodec(**_SHUFFLED_ZSTD)]  # type: ignore[arg-type]

@@ -1,0 +1,169 @@
+import os
+import stat
+import time
+from pathlib import Path
+
+import pytest
+
+from bella.exceptions import NoDataError, StoreError
+from bella.store import group_file, open_group, place_group, stage_group, sweep
+from tests.store.examples import posterior
+from tests.store.test_roundtrip import NAME, published
+
+ESCAPES = [
+    "../outside.zarr",
+    "T3-1/../../outside.zarr",
+    "/etc/outside.zarr",
+    "T3-1/./a.zarr",
+    "T3-1//a.zarr",
+    ".staging/a.zarr",
+    "T3-1/.a.zarr",
+    "",
+    ".",
+    "T3-1/a",
+    "T3-1\\a.zarr",
+    "T3-1/a\0.zarr",
+    "T3-1/a b.zarr",
+    "a.zarr/",
+]
+
+
+@pytest.mark.parametrize("path", ESCAPES)
+def test_no_path_leads_out_of_the_store(tmp_path: Path, path: str) -> None:
+    root = tmp_path / "store"
+    staged = stage_group(posterior(), root)
+    with pytest.raises(StoreError, match="is not a path of a group in the store: give one as"):
+        place_group(staged, root, path)
+    with pytest.raises(StoreError, match="is not a path of a group"):
+        open_group(root, path)
+    with pytest.raises(NoDataError):
+        group_file(root, path, "zarr.json")
+    assert staged.exists()
+
+
+def test_a_link_out_of_the_store_is_not_followed(tmp_path: Path) -> None:
+    published(posterior(), tmp_path / "elsewhere")
+    (tmp_path / "store").mkdir()
+    (tmp_path / "store" / "T3-20120607-1929").symlink_to(tmp_path / "elsewhere" / "T3-20120607-1929")
+    with pytest.raises(StoreError, match="is not a path of a group"):
+        open_group(tmp_path / "store", NAME)
+
+
+def test_a_name_is_used_once(tmp_path: Path) -> None:
+    published(posterior(seed=1), tmp_path)
+    second = stage_group(posterior(seed=2), tmp_path)
+    with pytest.raises(StoreError, match="never replaced: place it under a new name"):
+        place_group(second, tmp_path, NAME)
+    assert open_group(tmp_path, NAME)["draws"].equals(posterior(seed=1)["draws"])
+    assert second.exists()
+
+
+def test_a_name_that_is_taken_meanwhile_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    staged = stage_group(posterior(seed=2), tmp_path)
+    published(posterior(seed=1), tmp_path)
+    exists, asked = Path.exists, []
+
+    def blind_at_first(path: Path, **options: bool) -> bool:
+        asked.append(path)
+        return len(asked) > 1 and exists(path, **options)
+
+    monkeypatch.setattr(Path, "exists", blind_at_first)
+    with pytest.raises(StoreError, match="never replaced"):
+        place_group(staged, tmp_path, NAME)
+    assert open_group(tmp_path, NAME)["draws"].equals(posterior(seed=1)["draws"])
+
+
+def test_a_staged_group_that_is_gone_cannot_be_placed(tmp_path: Path) -> None:
+    with pytest.raises(StoreError, match="could not be placed"):
+        place_group(tmp_path / ".staging" / "gone.zarr", tmp_path, NAME)
+
+
+def test_files_of_a_group_are_read_only_and_flushed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    flushed: set[str] = set()
+    fsync = os.fsync
+
+    def noting(descriptor: int) -> None:
+        flushed.add(str(Path(f"/proc/self/fd/{descriptor}").readlink()))
+        fsync(descriptor)
+
+    monkeypatch.setattr(os, "fsync", noting)
+    staged = stage_group(posterior(), tmp_path)
+    inside = [staged, *staged.rglob("*")]
+    assert {str(one) for one in inside} <= flushed
+    assert {stat.S_IMODE(one.stat().st_mode) for one in inside if one.is_file()} == {0o444}
+    flushed.clear()
+    place_group(staged, tmp_path, NAME)
+    assert {str(tmp_path), str((tmp_path / NAME).parent), str(staged.parent)} <= flushed
+
+
+def test_files_of_a_group_are_found_by_key(tmp_path: Path) -> None:
+    published(posterior(), tmp_path)
+    assert group_file(tmp_path, NAME, "zarr.json") == tmp_path / NAME / "zarr.json"
+    assert group_file(tmp_path, NAME, "draws/c/0/0/0").stat().st_size > 0
+
+
+@pytest.mark.parametrize(
+    "key", ["", ".", "draws", "absent", "../other.zarr/zarr.json", "/etc/passwd", "a\0b", "x" * 5000, "../../secret"]
+)
+def test_no_other_file_is_found(tmp_path: Path, key: str) -> None:
+    published(posterior(), tmp_path)
+    published(posterior(), tmp_path, "T3-20120607-1929/other.zarr")
+    (tmp_path / "secret").touch()
+    with pytest.raises(NoDataError, match="begin with its zarr"):
+        group_file(tmp_path, NAME, key)
+
+
+def age(group: Path, seconds: float) -> None:
+    then = time.time() - seconds
+    for one in [*group.rglob("*"), group]:
+        os.utime(one, (then, then))
+
+
+def test_only_orphans_are_swept(tmp_path: Path) -> None:
+    published(posterior(), tmp_path)
+    published(posterior(), tmp_path, "T3-20120607-1929/orphan.zarr")
+    staged = stage_group(posterior(), tmp_path)
+    removed = sweep(tmp_path, {NAME}, older_than_s=0.0)
+    assert removed == [f".staging/{staged.name}", "T3-20120607-1929/orphan.zarr"]
+    assert open_group(tmp_path, NAME)["draws"].shape == (5, 40, 4)
+    assert sorted(one.name for one in tmp_path.rglob("*.zarr")) == [Path(NAME).name]
+    assert list((tmp_path / ".staging").iterdir()) == []
+    assert sweep(tmp_path, {NAME}, older_than_s=0.0) == []
+
+
+def test_what_a_live_writer_is_at_is_spared(tmp_path: Path) -> None:
+    published(posterior(), tmp_path)
+    staged = stage_group(posterior(), tmp_path)
+    assert sweep(tmp_path, set(), older_than_s=3600.0) == []
+    age(staged, 7200.0)
+    (staged / "draws" / "c" / "being_written").touch()
+    assert sweep(tmp_path, set(), older_than_s=3600.0) == []
+
+
+def test_placing_makes_a_group_young_again(tmp_path: Path) -> None:
+    staged = stage_group(posterior(), tmp_path)
+    age(staged, 7200.0)
+    place_group(staged, tmp_path, NAME)
+    assert sweep(tmp_path, set(), older_than_s=3600.0) == []
+
+
+def test_leftovers_of_a_sweep_that_was_killed_are_swept(tmp_path: Path) -> None:
+    leftover = tmp_path / ".staging" / "abc.swept"
+    (leftover / "draws").mkdir(parents=True)
+    assert sweep(tmp_path, set(), older_than_s=0.0) == [".staging/abc.swept"]
+    assert not leftover.exists()
+
+
+def test_a_store_that_is_not_there_yet_has_nothing_to_sweep(tmp_path: Path) -> None:
+    assert sweep(tmp_path / "store", set(), older_than_s=0.0) == []
+
+
+def test_a_group_another_sweep_took_first_is_not_counted(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    published(posterior(), tmp_path)
+
+    def taken(group: Path, _now: float) -> float:
+        group.rename(tmp_path / "taken")
+        return 1e9
+
+    monkeypatch.setattr("bella.store.layout.age_s", taken)
+    assert sweep(tmp_path, set(), older_than_s=0.0) == []

@@ -1,0 +1,176 @@
+"""What is written is what is read, byte for byte, also by plain xarray."""
+
+import warnings
+from pathlib import Path
+
+import numpy as np
+import pytest
+import xarray as xr
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from hypothesis.extra import numpy as arrays
+
+from bella.exceptions import StoreError
+from bella.store import content_sha256, open_group, open_tree, place_group, stage_group, verify_group
+from tests.store.examples import posterior, spectra
+
+NAME = "T3-20120607-1929/half_maximum-posterior-default-2d-3f9c2a1b.zarr"
+
+
+def published(group: xr.Dataset | xr.DataTree, root: Path, name: str = NAME) -> str:
+    staged = stage_group(group, root)
+    sha256 = verify_group(staged, group)
+    assert place_group(staged, root, name) == name
+    return sha256
+
+
+@pytest.fixture
+def root(tmp_path: Path) -> Path:
+    return tmp_path / "home" / "store"
+
+
+def test_a_posterior_comes_back_the_same(root: Path) -> None:
+    given_posterior = posterior()
+    sha256 = published(given_posterior, root)
+    found = open_group(root, NAME, sha256)
+    xr.testing.assert_identical(found, given_posterior)
+    assert {name: found[name].dtype.kind for name in found.data_vars} == {
+        **{name: given_posterior[name].dtype.kind for name in given_posterior.data_vars},
+        "flags": "T",
+    }
+    assert content_sha256(found) == content_sha256(given_posterior) == sha256
+
+
+def test_spectra_come_back_the_same(root: Path) -> None:
+    sha256 = published(spectra(), root)
+    found = open_tree(root, NAME, sha256)
+    xr.testing.assert_identical(found, spectra())
+    assert content_sha256(found) == content_sha256(spectra()) == sha256
+    assert found["WIND"]["time"].values[1] == np.datetime64("2012-06-07T19:01:00")
+
+
+def test_plain_xarray_reads_it_without_a_word(root: Path) -> None:
+    published(posterior(), root)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        with xr.open_zarr(root / NAME, chunks=None) as found:
+            xr.testing.assert_identical(found.load(), posterior())
+            assert found["flags"].values[1] == "two_modes;speed_not_constrained"
+            assert found["modes"].values[0] == 0
+            assert np.isnan(found["never_determined"].values).all()
+            assert (found["zero"].values == 0).all()
+
+
+def test_writing_warns_of_nothing(root: Path) -> None:
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        published(posterior(), root)
+
+
+def test_many_frequencies_are_few_files_and_one_is_read_alone(root: Path) -> None:
+    published(posterior(frequencies=5), root)
+    many = (
+        posterior(frequencies=5)
+        .isel(frequency=np.arange(200) % 5)
+        .assign_coords(frequency=np.geomspace(0.15, 2.0, 200))
+    )
+    published(many, root, "T3-20120607-1929/many.zarr")
+    few, more = (
+        sum(one.is_file() for one in (root / name).rglob("*")) for name in (NAME, "T3-20120607-1929/many.zarr")
+    )
+    assert few == more <= 2 * len(many.variables) + 1
+    draws = open_group(root, "T3-20120607-1929/many.zarr")["draws"]
+    assert draws.encoding["chunks"] == (1, 40, 4)
+    assert draws.encoding["shards"] == (200, 40, 4)
+    np.testing.assert_array_equal(draws[137], many["draws"][137])
+
+
+def test_large_variables_stay_on_disk_until_they_are_used(root: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    published(posterior(), root)
+    monkeypatch.setattr("bella.store.reading._READ_AT_ONCE_BYTES", 1000)
+    found = open_group(root, NAME)
+    assert not found["draws"].variable._in_memory
+    assert found["x_rsun"].variable._in_memory
+    np.testing.assert_array_equal(found["draws"], posterior()["draws"])
+
+
+def test_the_checksum_does_not_depend_on_compression_or_chunks(root: Path, tmp_path: Path) -> None:
+    sha256 = published(posterior(), root)
+    text = {name: posterior()[name].astype(object) for name in ("flags", "parameter", "axis")}
+    other = tmp_path / "other.zarr"
+    encoding = {"draws": {"chunks": (2, 3, 4), "compressors": None}, "x_rsun": {"dtype": ">f8"}}
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        posterior().assign(text).to_zarr(other, zarr_format=3, encoding=encoding)
+    with xr.open_zarr(other, chunks=None) as found:
+        assert content_sha256(found) == sha256
+
+
+def changes() -> dict[str, xr.Dataset]:
+    base = posterior()
+    one_bit = base.copy(deep=True)
+    one_bit["draws"].values.view("uint32")[3, 7, 1] ^= 1
+    return {
+        "one bit": one_bit,
+        "sign of zero": base.assign(zero=("frequency", np.full(5, -0.0))),
+        "type": base.assign(zero=base["zero"].astype("float32")),
+        "name": base.rename(zero="nought"),
+        "dimension": base.assign(zero=("nought", np.zeros(5))),
+        "attribute": base.assign_attrs(seed=1),
+        "units": base.assign(x_rsun=base["x_rsun"].assign_attrs(units="au")),
+        "flag": base.assign(flags=base["flags"].str.replace("two", "2")),
+        "missing": base.drop_vars("modes"),
+        "more": base.assign(more=1),
+    }
+
+
+@pytest.mark.parametrize("change", sorted(changes()))
+def test_verifying_notices_any_difference(root: Path, change: str) -> None:
+    staged = stage_group(posterior(), root)
+    with pytest.raises(StoreError, match="differs from what was given in "):
+        verify_group(staged, changes()[change])
+    assert content_sha256(changes()[change]) != content_sha256(posterior())
+
+
+@settings(max_examples=40, deadline=None, derandomize=True)
+@given(
+    values=arrays.arrays(
+        st.sampled_from([np.float32, np.float64, np.int16, np.int64, np.bool_, np.dtype(">f8"), np.uint8]),
+        arrays.array_shapes(min_dims=0, max_dims=3, min_side=0, max_side=4),
+    ),
+    text=st.text(st.characters(blacklist_categories=["Cs"]), max_size=8),
+)
+def test_any_numbers_and_text_come_back(
+    tmp_path_factory: pytest.TempPathFactory, values: np.ndarray, text: str
+) -> None:
+    root = tmp_path_factory.mktemp("store")
+    dims = [f"d{axis}" for axis in range(values.ndim)]
+    group = xr.Dataset({"draws": (dims, values), "text": ("t", np.array([text, ""], dtype=object))}, attrs={"t": text})
+    staged = stage_group(group, root)
+    sha256 = verify_group(staged, group)
+    place_group(staged, root, "a.zarr")
+    found = open_group(root, "a.zarr", sha256)
+    assert found["draws"].dtype == values.dtype.newbyteorder("=")
+    np.testing.assert_array_equal(found["draws"].values, values)
+    assert found["text"].values.tolist() == [text, ""]
+
+
+def test_encodings_from_elsewhere_do_not_change_what_is_kept(root: Path) -> None:
+    packed = posterior()
+    packed["x_rsun"].encoding = {"dtype": "int16", "scale_factor": 0.5, "_FillValue": -1}
+    packed["arrival"].encoding = {"units": "hours since 2012-06-07", "dtype": "int32"}
+    sha256 = published(packed, root)
+    xr.testing.assert_identical(open_group(root, NAME, sha256), posterior())
+
+
+def test_what_cannot_be_written_leaves_nothing(root: Path) -> None:
+    with pytest.raises(StoreError, match="could not be written") as caught:
+        stage_group(posterior().assign_attrs(catalogue=object()), root)
+    assert "\n" not in str(caught.value)
+    assert list(root.rglob("*.zarr")) == []
+
+
+def test_a_root_that_cannot_be_made_is_refused(tmp_path: Path) -> None:
+    (tmp_path / "store").touch()
+    with pytest.raises(StoreError, match="could not be written"):
+        stage_group(posterior(), tmp_path / "store")
