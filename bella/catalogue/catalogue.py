@@ -1,0 +1,202 @@
+"""The catalogue as its callers see it: one class, whose methods are short transactions."""
+
+from contextlib import AbstractContextManager
+from types import TracebackType
+from typing import Any, Self
+
+from sqlalchemy import Engine, text
+
+from bella.catalogue import leases, publication, queries, schema, solutions, submissions
+from bella.catalogue.engine import connect, display_name, parse_url, reading
+from bella.catalogue.records import (
+    BurstPage,
+    BurstQuery,
+    BurstSummary,
+    Localisation,
+    Publication,
+    Series,
+    Solution,
+    SourceFile,
+    StageRun,
+    Submission,
+)
+
+
+class Catalogue:
+    """Bursts, versioned solutions, leases and submissions in SQLite or PostgreSQL.
+
+    Make one with `Catalogue.open`. It may be used from several threads. Any method raises BusyError where the database
+    is locked for too long, UnreachableError where it does not answer, and StoreError where it is damaged.
+
+    Attributes
+    ----------
+    name : str
+        Name of the database for messages, without its password.
+    """
+
+    def __init__(self, engine: Engine) -> None:
+        self._engine = engine
+        self.name = display_name(engine.url)
+
+    @classmethod
+    def open(cls, database_url: str, *, create: bool = False) -> Self:
+        """Open a catalogue.
+
+        Parameters
+        ----------
+        database_url : str
+            SQLAlchemy URL of a SQLite file or a PostgreSQL database.
+        create : bool
+            True to make the schema in an empty database, and to bring an older one to the newest revision.
+
+        Returns
+        -------
+        Catalogue
+            At the newest revision.
+
+        Raises
+        ------
+        InputError
+            Where the URL is not one.
+        StoreError
+            Where the database is damaged, belongs to something else or was written by a newer version, and, unless
+            `create`, where it is empty, older or missing. Nothing is overwritten.
+        UnreachableError
+            Where the server does not answer.
+        """
+        engine = connect(parse_url(database_url))
+        try:
+            schema.prepare(engine, create=create)
+        except BaseException:
+            engine.dispose()
+            raise
+        return cls(engine)
+
+    def close(self) -> None:
+        """Close all connections; the catalogue may be used again afterwards."""
+        self._engine.dispose()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.close()
+
+    def ping(self) -> None:
+        """Ask the database for an answer.
+
+        Raises
+        ------
+        UnreachableError
+            Where it gives none.
+        """
+        with reading(self._engine) as connection:
+            connection.execute(text("SELECT count(*) FROM stage_run WHERE stage_run_id < 0"))
+
+    def revision(self) -> str:
+        """Revision of the schema, such as "0001"."""
+        with reading(self._engine) as connection:
+            return schema.revision_of(connection) or ""
+
+    def lease(self, stage: str, subject: str, run_id: str, duration_s: float) -> AbstractContextManager[leases.Lease]:
+        """Hold the right to work on a stage of a subject during a block; see `leases.held`.
+
+        Parameters
+        ----------
+        stage, subject : str
+            What is worked on, such as "localise" and a burst id.
+        run_id : str
+            Run that works on it.
+        duration_s : float
+            Time after which the run counts as dead, s; `Lease.renew` extends it.
+
+        Returns
+        -------
+        context manager of Lease
+            Raises BusyError on entry where a live run holds the lease.
+        """
+        return leases.held(self._engine, stage, subject, run_id, duration_s)
+
+    def stage_runs(self, limit: int = 50) -> tuple[StageRun, ...]:
+        """Last runs of all stages, the latest first; see `leases.stage_runs`."""
+        return leases.stage_runs(self._engine, limit)
+
+    def find_solution(self, burst_id: str, series: Series, inputs_hash: str, code_version: str) -> Solution | None:
+        """The newest version of a series if it has these inputs and this code; see `publication.find_solution`."""
+        return publication.find_solution(self._engine, burst_id, series, inputs_hash, code_version)
+
+    def publish(self, new: Publication) -> Solution:
+        """Make a solution visible as the next version of its series; see `publication.publish`.
+
+        Parameters
+        ----------
+        new : Publication
+            The solution and all that belongs to it; its group must be in the store already.
+
+        Returns
+        -------
+        Solution
+            The new version; or, with nothing written, the newest one where it has the same inputs and code.
+
+        Raises
+        ------
+        InputError
+            Where a name cannot be part of a solution id, or the localisations are not one per frequency.
+        """
+        return publication.publish(self._engine, new)
+
+    def bursts(self, query: BurstQuery | None = None) -> BurstPage:
+        """One page of bursts by ascending onset; see `queries.bursts`.
+
+        Raises
+        ------
+        InputError
+            Where the cursor or the limit is not valid.
+        """
+        return queries.bursts(self._engine, query or BurstQuery())
+
+    def burst(self, burst_id: str) -> BurstSummary:
+        """One burst with the newest version of each series; NoDataError where there is none of that id."""
+        return queries.burst(self._engine, burst_id)
+
+    def versions(self, burst_id: str) -> tuple[Solution, ...]:
+        """All solutions of a burst, superseded ones too, newer before older; NoDataError where there is no burst."""
+        return queries.versions(self._engine, burst_id)
+
+    def solution(self, solution_id: str) -> Solution:
+        """One solution; NoDataError where there is none of that id."""
+        return solutions.solution(self._engine, solution_id)
+
+    def localisations(self, solution_id: str) -> tuple[Localisation, ...]:
+        """Localisations of a solution by ascending frequency; NoDataError where there is no such solution."""
+        return solutions.localisations(self._engine, solution_id)
+
+    def track_fit(self, solution_id: str) -> dict[str, Any]:
+        """Track fit of a solution; NoDataError where there is no such solution."""
+        return solutions.track_fit(self._engine, solution_id)
+
+    def sources(self, solution_id: str) -> tuple[SourceFile, ...]:
+        """Inputs of a solution; NoDataError where there is no such solution."""
+        return solutions.sources(self._engine, solution_id)
+
+    def referenced_paths(self) -> frozenset[str]:
+        """Store paths the catalogue refers to, which a sweep of the store must spare."""
+        return solutions.referenced_paths(self._engine)
+
+    def submit(self, sha256: str, file_name: str) -> Submission:
+        """Note that an arrival table was handed in; see `submissions.submit`."""
+        return submissions.submit(self._engine, sha256, file_name)
+
+    def submission(self, sha256: str) -> Submission:
+        """One submission; NoDataError where no table of that checksum was handed in."""
+        return submissions.submission(self._engine, sha256)
+
+    def pending_submissions(self) -> tuple[Submission, ...]:
+        """Submissions that wait for a run, in the order they came."""
+        return submissions.pending(self._engine)
+
+    def mark_submission(self, sha256: str, state: str, message: str = "", burst_id: str | None = None) -> Submission:
+        """Note how a submission ended; see `submissions.mark`."""
+        return submissions.mark(self._engine, sha256, state, message, burst_id)

@@ -1,0 +1,244 @@
+"""Tables of the catalogue. A change here needs a revision in the package `migrations`; a test compares the two."""
+
+from datetime import UTC, date, datetime
+from math import isnan, nan
+from typing import Any, cast
+
+from sqlalchemy import JSON, CheckConstraint, DateTime, Dialect, Double, ForeignKey, Index, MetaData, Table, text
+from sqlalchemy import UniqueConstraint as Unique
+from sqlalchemy.orm import DeclarativeBase, Mapped, mapped_column
+from sqlalchemy.types import TypeDecorator
+
+ARRIVAL_TABLE = "arrival_table"
+
+
+class UtcTime(TypeDecorator[datetime]):
+    """Time with the zone UTC in Python; in SQLite text of fixed width without a zone, which sorts like time."""
+
+    impl = DateTime(timezone=True)
+    cache_ok = True
+
+    def process_bind_param(self, value: datetime | None, dialect: Dialect) -> datetime | None:
+        """UTC for the database."""
+        if value is None:
+            return None
+        utc = as_utc(value)
+        return utc.replace(tzinfo=None) if dialect.name == "sqlite" else utc
+
+    def process_result_value(self, value: datetime | None, dialect: Dialect) -> datetime | None:  # noqa: ARG002
+        """UTC from the database."""
+        return None if value is None else as_utc(value)
+
+
+class Number(TypeDecorator[float]):
+    """Float that may be NaN, which SQLite cannot keep: NULL stands for it in every database."""
+
+    impl = Double
+    cache_ok = True
+
+    def process_bind_param(self, value: float | None, dialect: Dialect) -> float | None:  # noqa: ARG002
+        """NULL for NaN."""
+        return None if value is None or isnan(value) else float(value)
+
+    def process_result_value(self, value: float | None, dialect: Dialect) -> float:  # noqa: ARG002
+        """NaN for NULL."""
+        return nan if value is None else value
+
+
+def as_utc(value: datetime) -> datetime:
+    """Plain datetime with the zone UTC, to the microsecond.
+
+    Parameters
+    ----------
+    value : datetime
+        Any datetime, a pandas Timestamp too; without a zone it is taken as UTC.
+
+    Returns
+    -------
+    datetime
+        The same instant.
+    """
+    utc = value.replace(tzinfo=UTC) if value.tzinfo is None else value.astimezone(UTC)
+    return datetime(utc.year, utc.month, utc.day, utc.hour, utc.minute, utc.second, utc.microsecond, tzinfo=UTC)
+
+
+class Base(DeclarativeBase):
+    """Root of the tables; names of constraints follow one rule so that migrations can name them."""
+
+    metadata = MetaData(
+        naming_convention={
+            "ix": "ix_%(table_name)s_%(column_0_N_name)s",
+            "uq": "uq_%(table_name)s_%(column_0_N_name)s",
+            "ck": "ck_%(table_name)s_%(constraint_name)s",
+            "fk": "fk_%(table_name)s_%(column_0_N_name)s_%(referred_table_name)s",
+            "pk": "pk_%(table_name)s",
+        }
+    )
+
+
+def table_of(model: type[Base]) -> Table:
+    """Table of a model, for statements that work on rows without the object layer."""
+    return cast("Table", model.__table__)
+
+
+class SourceFileRow(Base):
+    """Inputs; an arrival table that was handed in is one as well, and is handed in once however often it is sent."""
+
+    __tablename__ = "source_file"
+    __table_args__ = (
+        Unique("dataset", "day", "version", "sha256"),
+        Index(
+            "uq_source_file_arrival_table",
+            "sha256",
+            unique=True,
+            sqlite_where=text("dataset = 'arrival_table'"),
+            postgresql_where=text("dataset = 'arrival_table'"),
+        ),
+        Index("ix_source_file_dataset_state", "dataset", "state"),
+    )
+
+    source_id: Mapped[int] = mapped_column(primary_key=True)
+    dataset: Mapped[str]
+    day: Mapped[date]
+    version: Mapped[str]
+    sha256: Mapped[str]
+    state: Mapped[str]
+    uri: Mapped[str]
+    message: Mapped[str] = mapped_column(default="")
+    burst_id: Mapped[str | None] = mapped_column(ForeignKey("burst.burst_id"))
+    received_utc: Mapped[datetime] = mapped_column(UtcTime)
+    changed_utc: Mapped[datetime] = mapped_column(UtcTime)
+
+
+class BurstRow(Base):
+    """Bursts, by stable id."""
+
+    __tablename__ = "burst"
+    __table_args__ = (Index("ix_burst_start_utc_burst_id", "start_utc", "burst_id"),)
+
+    burst_id: Mapped[str] = mapped_column(primary_key=True)
+    start_utc: Mapped[datetime] = mapped_column(UtcTime)
+    end_utc: Mapped[datetime] = mapped_column(UtcTime)
+    f_low_mhz: Mapped[float] = mapped_column(Double)
+    f_high_mhz: Mapped[float] = mapped_column(Double)
+    spectra_path: Mapped[str | None]
+
+
+class BurstObservatoryRow(Base):
+    """Who heard a burst."""
+
+    __tablename__ = "burst_observatory"
+    __table_args__ = (Index("ix_burst_observatory_observatory", "observatory", "burst_id"),)
+
+    burst_id: Mapped[str] = mapped_column(ForeignKey("burst.burst_id", ondelete="CASCADE"), primary_key=True)
+    observatory: Mapped[str] = mapped_column(primary_key=True)
+    position: Mapped[int]
+
+
+class SolutionRow(Base):
+    """Versions of solutions; rows are only ever added."""
+
+    __tablename__ = "solution"
+    __table_args__ = (
+        Unique("burst_id", "edge", "method", "preset", "dimensions", "version"),
+        Unique("supersedes"),
+        Unique("store_path"),
+        CheckConstraint("version >= 1", name="version_from_one"),
+        CheckConstraint("(version = 1) = (supersedes IS NULL)", name="later_version_supersedes"),
+    )
+
+    solution_id: Mapped[str] = mapped_column(primary_key=True)
+    burst_id: Mapped[str] = mapped_column(ForeignKey("burst.burst_id"))
+    edge: Mapped[str]
+    method: Mapped[str]
+    preset: Mapped[str]
+    dimensions: Mapped[int]
+    version: Mapped[int]
+    supersedes: Mapped[str | None] = mapped_column(ForeignKey("solution.solution_id"))
+    inputs_hash: Mapped[str]
+    code_version: Mapped[str]
+    store_path: Mapped[str]
+    store_sha256: Mapped[str]
+    created_utc: Mapped[datetime] = mapped_column(UtcTime)
+    reference_utc: Mapped[datetime] = mapped_column(UtcTime)
+
+
+class SolutionFlagRow(Base):
+    """Quality flags of a solution."""
+
+    __tablename__ = "solution_flag"
+
+    solution_id: Mapped[str] = mapped_column(ForeignKey("solution.solution_id", ondelete="CASCADE"), primary_key=True)
+    flag: Mapped[str] = mapped_column(primary_key=True)
+    position: Mapped[int]
+
+
+class SolutionSourceRow(Base):
+    """Which inputs a solution was made from."""
+
+    __tablename__ = "solution_source"
+    __table_args__ = (Index("ix_solution_source_source_id", "source_id"),)
+
+    solution_id: Mapped[str] = mapped_column(ForeignKey("solution.solution_id", ondelete="CASCADE"), primary_key=True)
+    source_id: Mapped[int] = mapped_column(ForeignKey("source_file.source_id"), primary_key=True)
+    position: Mapped[int]
+
+
+class LocalisationRow(Base):
+    """One row per frequency of a solution; columns are those of the localisation table."""
+
+    __tablename__ = "localisation"
+
+    solution_id: Mapped[str] = mapped_column(ForeignKey("solution.solution_id", ondelete="CASCADE"), primary_key=True)
+    frequency_mhz: Mapped[float] = mapped_column(Double, primary_key=True)
+    x_rsun: Mapped[float | None] = mapped_column(Number)
+    y_rsun: Mapped[float | None] = mapped_column(Number)
+    z_rsun: Mapped[float | None] = mapped_column(Number)
+    cov_xx_rsun2: Mapped[float | None] = mapped_column(Number)
+    cov_xy_rsun2: Mapped[float | None] = mapped_column(Number)
+    cov_yy_rsun2: Mapped[float | None] = mapped_column(Number)
+    cov_xz_rsun2: Mapped[float | None] = mapped_column(Double)
+    cov_yz_rsun2: Mapped[float | None] = mapped_column(Double)
+    cov_zz_rsun2: Mapped[float | None] = mapped_column(Double)
+    area68_rsun2: Mapped[float | None] = mapped_column(Number)
+    area95_rsun2: Mapped[float | None] = mapped_column(Number)
+    modes: Mapped[int]
+    emission_utc: Mapped[datetime] = mapped_column(UtcTime)
+    v_over_c: Mapped[float | None] = mapped_column(Number)
+    v_over_c_sd: Mapped[float | None] = mapped_column(Number)
+    contraction_x: Mapped[float | None] = mapped_column(Number)
+    contraction_y: Mapped[float | None] = mapped_column(Number)
+    contraction_v: Mapped[float | None] = mapped_column(Number)
+    log_evidence: Mapped[float | None] = mapped_column(Number)
+    flags: Mapped[str]
+
+
+class TrackFitRow(Base):
+    """The fits to a solution's track, as the JSON that is published."""
+
+    __tablename__ = "track_fit"
+
+    solution_id: Mapped[str] = mapped_column(ForeignKey("solution.solution_id", ondelete="CASCADE"), primary_key=True)
+    fit: Mapped[dict[str, Any]] = mapped_column(JSON)
+
+
+class StageRunRow(Base):
+    """Leases: the last run of a stage on a subject. `token` changes with every owner and decides races."""
+
+    __tablename__ = "stage_run"
+    __table_args__ = (Unique("stage", "subject"), Index("ix_stage_run_started_utc", "started_utc"))
+
+    stage_run_id: Mapped[int] = mapped_column(primary_key=True)
+    stage: Mapped[str]
+    subject: Mapped[str]
+    run_id: Mapped[str]
+    token: Mapped[str]
+    state: Mapped[str]
+    attempts: Mapped[int]
+    host: Mapped[str]
+    pid: Mapped[int]
+    process_start: Mapped[str | None]
+    started_utc: Mapped[datetime] = mapped_column(UtcTime)
+    expires_utc: Mapped[datetime] = mapped_column(UtcTime)
+    ended_utc: Mapped[datetime | None] = mapped_column(UtcTime)
+    message: Mapped[str]

@@ -1,0 +1,232 @@
+"""Publishing a solution: everything about it becomes visible in one commit, as the next version of its series."""
+
+import json
+import math
+import re
+from collections.abc import Iterable
+from dataclasses import asdict
+from datetime import UTC, datetime
+from typing import Any
+
+import structlog
+from sqlalchemy import Connection, Engine, Table, delete, func, insert, select, update
+
+from bella.catalogue.engine import reading, writing
+from bella.catalogue.models import (
+    ARRIVAL_TABLE,
+    BurstObservatoryRow,
+    BurstRow,
+    LocalisationRow,
+    SolutionFlagRow,
+    SolutionRow,
+    SolutionSourceRow,
+    SourceFileRow,
+    TrackFitRow,
+    table_of,
+)
+from bella.catalogue.records import Burst, Publication, Series, Solution, SourceFile
+from bella.catalogue.solutions import newest, solution_rows
+from bella.catalogue.upserts import dialect_insert, insert_ignoring
+from bella.exceptions import InputError
+
+_NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_-]*")
+
+log = structlog.get_logger(__name__)
+
+
+def find_solution(
+    engine: Engine, burst_id: str, series: Series, inputs_hash: str, code_version: str
+) -> Solution | None:
+    """The newest version of a series, if it was made from these inputs by this code.
+
+    Parameters
+    ----------
+    engine : sqlalchemy.Engine
+        Engine of the catalogue.
+    burst_id : str
+        Burst.
+    series : Series
+        Series of its solutions.
+    inputs_hash, code_version : str
+        What a new solution would be made from, and by.
+
+    Returns
+    -------
+    Solution or None
+        None where there is work to do.
+    """
+    with reading(engine) as connection:
+        return _same(connection, burst_id, series, inputs_hash, code_version)
+
+
+def publish(engine: Engine, publication: Publication) -> Solution:
+    """Make a solution visible as the next version of its series.
+
+    Parameters
+    ----------
+    engine : sqlalchemy.Engine
+        Engine of the catalogue.
+    publication : Publication
+        The solution and all that belongs to it; its group must be in the store already.
+
+    Returns
+    -------
+    Solution
+        The new version; or, with nothing written at all, the newest one where it has the same inputs and code.
+
+    Raises
+    ------
+    InputError
+        Where a name cannot be part of a solution id, or the localisations are not one per frequency.
+    """
+    _check(publication)
+    key = (publication.burst.burst_id, publication.series, publication.inputs_hash, publication.code_version)
+    if (same := find_solution(engine, *key)) is not None:
+        return same
+    with writing(engine) as connection:
+        # on PostgreSQL this locks the burst's row, on SQLite the transaction holds the lock: publishers queue here
+        _upsert_burst(connection, publication.burst)
+        if (same := _same(connection, *key)) is not None:
+            connection.rollback()
+            return same
+        solution_id = _insert_solution(connection, publication)
+        _insert_parts(connection, solution_id, publication)
+        solution = solution_rows(connection, table_of(SolutionRow).c.solution_id == solution_id)[0]
+    log.info("solution published", burst_id=solution.burst_id, solution_id=solution_id, store_path=solution.store_path)
+    return solution
+
+
+def plain_json(value: Any) -> Any:
+    """JSON that any database and browser takes: numpy numbers as numbers, NaN and infinity as null.
+
+    Parameters
+    ----------
+    value : Any
+        Dicts, lists, numbers, text, numpy scalars and arrays.
+
+    Returns
+    -------
+    Any
+        The same in plain Python.
+
+    Raises
+    ------
+    InputError
+        Where something in it is none of these.
+    """
+    if isinstance(value, dict):
+        return {str(name): plain_json(one) for name, one in value.items()}
+    if isinstance(value, list | tuple):
+        return [plain_json(one) for one in value]
+    if hasattr(value, "tolist"):
+        return plain_json(value.tolist())
+    if isinstance(value, float):
+        return float(value) if math.isfinite(value) else None
+    try:
+        json.dumps(value)
+    except TypeError as error:
+        raise InputError(f"a track fit cannot hold a {type(value).__name__}: give numbers and text") from error
+    return value
+
+
+def _same(
+    connection: Connection, burst_id: str, series: Series, inputs_hash: str, code_version: str
+) -> Solution | None:
+    last = newest(connection, burst_id, series)
+    return last if last and (last.inputs_hash, last.code_version) == (inputs_hash, code_version) else None
+
+
+def _check(publication: Publication) -> None:
+    series = publication.series
+    for name in (publication.burst.burst_id, series.edge, series.method, series.preset):
+        if not _NAME.fullmatch(name):
+            raise InputError(f"{name!r} cannot be part of a solution id: use letters, digits, - and _")
+    frequencies = [one.frequency_mhz for one in publication.localisations]
+    if len(set(frequencies)) != len(frequencies):
+        twice = next(one for one in frequencies if frequencies.count(one) > 1)
+        raise InputError(f"{publication.burst.burst_id} is localised twice at {twice} MHz: give each frequency once")
+
+
+def _upsert_burst(connection: Connection, burst: Burst) -> None:
+    table, heard = table_of(BurstRow), table_of(BurstObservatoryRow)
+    values = _plain_row(asdict(burst))
+    observatories = values.pop("observatories")
+    statement = dialect_insert(connection, table).values(values)
+    changed: dict[str, Any] = {
+        name: statement.excluded[name] for name in values if name not in {"burst_id", "spectra_path"}
+    }
+    # a solution made without spectra does not take away those of an earlier one
+    changed["spectra_path"] = func.coalesce(statement.excluded.spectra_path, table.c.spectra_path)
+    connection.execute(statement.on_conflict_do_update(index_elements=["burst_id"], set_=changed))
+    connection.execute(delete(heard).where(heard.c.burst_id == burst.burst_id))
+    _insert_all(
+        connection,
+        heard,
+        ({"burst_id": burst.burst_id, "observatory": name, "position": at} for at, name in _numbered(observatories)),
+    )
+
+
+def _insert_solution(connection: Connection, publication: Publication) -> str:
+    series, burst_id = publication.series, publication.burst.burst_id
+    last = newest(connection, burst_id, series)
+    version = last.version + 1 if last else 1
+    solution_id = f"{burst_id}.{series.edge}.{series.method}.{series.preset}.{series.dimensions}d.v{version}"
+    values = {
+        "solution_id": solution_id,
+        "burst_id": burst_id,
+        **asdict(series),
+        "version": version,
+        "supersedes": last.solution_id if last else None,
+        "inputs_hash": publication.inputs_hash,
+        "code_version": publication.code_version,
+        "store_path": publication.store_path,
+        "store_sha256": publication.store_sha256,
+        "created_utc": datetime.now(UTC),
+        "reference_utc": publication.reference_utc,
+    }
+    connection.execute(insert(table_of(SolutionRow)).values(values))
+    return solution_id
+
+
+def _insert_parts(connection: Connection, solution_id: str, publication: Publication) -> None:
+    own = {"solution_id": solution_id}
+    flags = ({**own, "flag": flag, "position": at} for at, flag in _numbered(publication.flags))
+    _insert_all(connection, table_of(SolutionFlagRow), flags)
+    _insert_all(connection, table_of(LocalisationRow), ({**own, **asdict(one)} for one in publication.localisations))
+    fit = plain_json(publication.track_fit)
+    connection.execute(insert(table_of(TrackFitRow)).values(**own, fit=fit))
+    # one order for all publishers, or two that share files could wait for one another
+    files = sorted(set(publication.sources), key=lambda file: (file.dataset, file.day, file.version, file.sha256))
+    ids = {_source_id(connection, file): publication.sources.index(file) for file in files}
+    sources = ({**own, "source_id": source_id, "position": at} for source_id, at in ids.items())
+    _insert_all(connection, table_of(SolutionSourceRow), sources)
+
+
+def _source_id(connection: Connection, file: SourceFile) -> int:
+    """Row of an input, inserted if need be; a table that was handed in keeps the row and state it has."""
+    table, now = table_of(SourceFileRow), datetime.now(UTC)
+    same = (table.c.dataset == file.dataset) & (table.c.sha256 == file.sha256)
+    if file.dataset != ARRIVAL_TABLE:
+        same &= (table.c.day == file.day) & (table.c.version == file.version)
+    added = insert_ignoring(
+        connection, table, asdict(file) | {"message": "", "received_utc": now, "changed_utc": now, "burst_id": None}
+    )
+    if not added and file.dataset != ARRIVAL_TABLE:
+        news = (table.c.state != file.state) | (table.c.uri != file.uri)
+        values = {"state": file.state, "uri": file.uri, "changed_utc": now}
+        connection.execute(update(table).where(same, news).values(values))
+    return int(connection.execute(select(table.c.source_id).where(same)).scalar_one())
+
+
+def _numbered(names: Iterable[str]) -> Iterable[tuple[int, str]]:
+    return enumerate(dict.fromkeys(names))
+
+
+def _insert_all(connection: Connection, table: Table, rows: Iterable[dict[str, Any]]) -> None:
+    if values := [_plain_row(row) for row in rows]:
+        connection.execute(insert(table), values)
+
+
+def _plain_row(row: dict[str, Any]) -> dict[str, Any]:
+    """Row without numpy's scalars, which the drivers do not all know."""
+    return {name: value.item() if hasattr(value, "item") else value for name, value in row.items()}

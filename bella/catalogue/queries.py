@@ -1,0 +1,203 @@
+"""Browsing bursts by time, observatory and quality, page by page."""
+
+import base64
+import binascii
+import json
+from datetime import datetime
+from typing import Any
+
+from sqlalchemy import ColumnElement, Connection, Engine, FromClause, and_, case, func, or_, select
+
+from bella.catalogue.engine import reading
+from bella.catalogue.models import (
+    BurstObservatoryRow,
+    BurstRow,
+    SolutionFlagRow,
+    SolutionRow,
+    as_utc,
+    table_of,
+)
+from bella.catalogue.records import (
+    EDGE_ORDER,
+    METHOD_ORDER,
+    PRESET_ORDER,
+    Burst,
+    BurstPage,
+    BurstQuery,
+    BurstSummary,
+    Solution,
+)
+from bella.catalogue.solutions import is_newest, solution_rows
+from bella.exceptions import InputError, NoDataError
+
+MAX_LIMIT = 1000
+
+
+def bursts(engine: Engine, query: BurstQuery) -> BurstPage:
+    """One page of bursts by ascending onset.
+
+    Parameters
+    ----------
+    engine : sqlalchemy.Engine
+        Engine of the catalogue.
+    query : BurstQuery
+        Filters, the cursor of the page before, and the size of a page (1 to 1000).
+
+    Returns
+    -------
+    BurstPage
+        With the cursor of the next page and the number of bursts on all pages.
+
+    Raises
+    ------
+    InputError
+        Where the cursor or the limit is not valid.
+    """
+    if not 1 <= query.limit <= MAX_LIMIT:
+        raise InputError(f"limit is {query.limit}: give 1 to {MAX_LIMIT}")
+    table, wanted = table_of(BurstRow), _filters(query)
+    after = [_after(*parse_cursor(query.cursor))] if query.cursor is not None else []
+    page = select(table).where(*wanted, *after).order_by(table.c.start_utc, table.c.burst_id).limit(query.limit + 1)
+    with reading(engine) as connection:
+        total = connection.execute(select(func.count()).select_from(table).where(*wanted)).scalar_one()
+        rows = connection.execute(page).mappings().all()
+        shown = rows[: query.limit]
+        summaries = _summaries(connection, shown)
+    more = len(rows) > query.limit
+    return BurstPage(summaries, cursor_after(shown[-1]["start_utc"], shown[-1]["burst_id"]) if more else None, total)
+
+
+def burst(engine: Engine, burst_id: str) -> BurstSummary:
+    """One burst with the newest version of each series.
+
+    Raises
+    ------
+    NoDataError
+        Where there is none of that id.
+    """
+    table = table_of(BurstRow)
+    with reading(engine) as connection:
+        rows = connection.execute(select(table).where(table.c.burst_id == burst_id)).mappings().all()
+        summaries = _summaries(connection, rows)
+    if not summaries:
+        raise NoDataError(f"there is no burst {burst_id}: ids are like T3-20120607-1929")
+    return summaries[0]
+
+
+def versions(engine: Engine, burst_id: str) -> tuple[Solution, ...]:
+    """All solutions of a burst, superseded ones too: series by series, the newest version first.
+
+    Raises
+    ------
+    NoDataError
+        Where there is no such burst.
+    """
+    burst(engine, burst_id)
+    with reading(engine) as connection:
+        return solution_rows(connection, table_of(SolutionRow).c.burst_id == burst_id)
+
+
+def cursor_after(start_utc: datetime, burst_id: str) -> str:
+    """Opaque cursor of the page that begins after a burst.
+
+    Parameters
+    ----------
+    start_utc : datetime
+        Onset of the last burst shown.
+    burst_id : str
+        Its id.
+
+    Returns
+    -------
+    str
+        URL-safe text.
+    """
+    return base64.urlsafe_b64encode(json.dumps([as_utc(start_utc).isoformat(), burst_id]).encode()).decode().rstrip("=")
+
+
+def parse_cursor(cursor: str) -> tuple[datetime, str]:
+    """What `cursor_after` was given.
+
+    Raises
+    ------
+    InputError
+        Where the cursor is not one of ours.
+    """
+    try:
+        padded = cursor.encode("ascii") + b"=" * (-len(cursor) % 4)
+        start, burst_id = json.loads(base64.b64decode(padded, altchars=b"-_", validate=True))
+        return as_utc(datetime.fromisoformat(start)), str(burst_id).replace("\0", "")
+    except (binascii.Error, ValueError, TypeError, OverflowError, RecursionError) as error:
+        raise InputError(
+            "the cursor is not valid: take next_cursor of the page before, or none for the first"
+        ) from error
+
+
+def _after(start_utc: datetime, burst_id: str) -> ColumnElement[bool]:
+    """Keyset condition; its first part is implied by the second, but lets SQLite seek in the index."""
+    columns = table_of(BurstRow).c
+    later = and_(columns.start_utc == start_utc, columns.burst_id > burst_id)
+    return and_(columns.start_utc >= start_utc, or_(columns.start_utc > start_utc, later))
+
+
+def _filters(query: BurstQuery) -> list[ColumnElement[bool]]:
+    table, heard = table_of(BurstRow), table_of(BurstObservatoryRow)
+    conditions: list[ColumnElement[bool]] = []
+    if query.start is not None:
+        conditions.append(table.c.start_utc >= query.start)
+    if query.stop is not None:
+        conditions.append(table.c.start_utc < query.stop)
+    for name in sorted(query.observatories):
+        by_this = select(heard.c.burst_id).where(heard.c.burst_id == table.c.burst_id, heard.c.observatory == name)
+        conditions.append(by_this.exists())
+    if query.flags_absent:
+        conditions.append(~_preferred_flagged(query.flags_absent))
+    return conditions
+
+
+def _preferred_flagged(flags: frozenset[str]) -> ColumnElement[bool]:
+    """Condition that the preferred solution of a burst has any of these flags."""
+    flagged, preferred = table_of(SolutionFlagRow), table_of(SolutionRow).alias("preferred")
+    best = (
+        select(preferred.c.solution_id)
+        .where(preferred.c.burst_id == table_of(BurstRow).c.burst_id, is_newest(preferred))
+        .order_by(*_preference(preferred))
+        .limit(1)
+        .correlate(table_of(BurstRow))
+        .scalar_subquery()
+    )
+    bad = select(flagged.c.flag).where(flagged.c.solution_id == best, flagged.c.flag.in_(sorted(flags)))
+    return bad.correlate(table_of(BurstRow)).exists()
+
+
+def _preference(solutions: FromClause) -> tuple[Any, ...]:
+    """The order of `records.series_order` in SQL."""
+    columns = solutions.c
+    return (
+        _rank(METHOD_ORDER, columns.method),
+        _rank(PRESET_ORDER, columns.preset),
+        _rank(EDGE_ORDER, columns.edge),
+        columns.dimensions.desc(),
+        columns.solution_id,
+    )
+
+
+def _rank(order: tuple[str, ...], column: ColumnElement[str]) -> ColumnElement[int]:
+    return case({name: rank for rank, name in enumerate(order)}, value=column, else_=len(order))
+
+
+def _summaries(connection: Connection, rows: Any) -> tuple[BurstSummary, ...]:
+    """Bursts of a page with observatories and newest solutions, in two queries however long the page is."""
+    heard, solutions = table_of(BurstObservatoryRow), table_of(SolutionRow)
+    ids = [row["burst_id"] for row in rows]
+    by_position = select(heard).where(heard.c.burst_id.in_(ids)).order_by(heard.c.position)
+    observatories: dict[str, list[str]] = {burst_id: [] for burst_id in ids}
+    for one in connection.execute(by_position):
+        observatories[one.burst_id].append(one.observatory)
+    newest: dict[str, list[Solution]] = {burst_id: [] for burst_id in ids}
+    for solution in solution_rows(connection, solutions.c.burst_id.in_(ids), is_newest(solutions)):
+        newest[solution.burst_id].append(solution)
+    return tuple(
+        BurstSummary(Burst(**row, observatories=tuple(observatories[row["burst_id"]])), tuple(newest[row["burst_id"]]))
+        for row in rows
+    )

@@ -1,0 +1,175 @@
+"""Reading solutions and what belongs to them."""
+
+from collections.abc import Iterable
+from typing import Any
+
+from sqlalchemy import ColumnElement, Connection, Engine, Select, select
+
+from bella.catalogue.engine import reading
+from bella.catalogue.models import (
+    BurstRow,
+    LocalisationRow,
+    SolutionFlagRow,
+    SolutionRow,
+    SolutionSourceRow,
+    SourceFileRow,
+    TrackFitRow,
+    table_of,
+)
+from bella.catalogue.records import Localisation, Series, Solution, SourceFile, by_preference
+from bella.exceptions import NoDataError
+
+_SERIES = ("edge", "method", "preset", "dimensions")
+_SOURCE = ("dataset", "day", "version", "sha256", "state", "uri")
+
+
+def is_newest(table: Any) -> ColumnElement[bool]:
+    """Condition that no other solution supersedes one of `table`."""
+    later = table_of(SolutionRow).alias("later")
+    return ~select(later.c.solution_id).where(later.c.supersedes == table.c.solution_id).exists()
+
+
+def solution_rows(connection: Connection, *conditions: ColumnElement[bool]) -> tuple[Solution, ...]:
+    """Solutions that meet all conditions, with their flags.
+
+    Parameters
+    ----------
+    connection : sqlalchemy.Connection
+        In a transaction.
+    *conditions : sqlalchemy.ColumnElement of bool
+        On the table of solutions.
+
+    Returns
+    -------
+    tuple of Solution
+        Preferred series first, newer versions first.
+    """
+    table, flagged = table_of(SolutionRow), table_of(SolutionFlagRow)
+    rows = connection.execute(select(table).where(*conditions)).mappings().all()
+    chosen = select(table.c.solution_id).where(*conditions)
+    by_flag = select(flagged).where(flagged.c.solution_id.in_(chosen)).order_by(flagged.c.position)
+    flags: dict[str, list[str]] = {}
+    for row in connection.execute(by_flag):
+        flags.setdefault(row.solution_id, []).append(row.flag)
+    return by_preference(_solution(row, flags.get(row["solution_id"], ())) for row in rows)
+
+
+def newest(connection: Connection, burst_id: str, series: Series) -> Solution | None:
+    """Newest version of a series.
+
+    Parameters
+    ----------
+    connection : sqlalchemy.Connection
+        In a transaction.
+    burst_id : str
+        Burst.
+    series : Series
+        Series of its solutions.
+
+    Returns
+    -------
+    Solution or None
+        None before the first version.
+    """
+    columns = table_of(SolutionRow).c
+    own = [columns[name] == getattr(series, name) for name in _SERIES]
+    last = (
+        select(columns.solution_id).where(columns.burst_id == burst_id, *own).order_by(columns.version.desc()).limit(1)
+    )
+    found = solution_rows(connection, columns.solution_id == last.scalar_subquery())
+    return found[0] if found else None
+
+
+def solution(engine: Engine, solution_id: str) -> Solution:
+    """One solution.
+
+    Raises
+    ------
+    NoDataError
+        Where there is none of that id.
+    """
+    with reading(engine) as connection:
+        return _existing(connection, solution_id)
+
+
+def localisations(engine: Engine, solution_id: str) -> tuple[Localisation, ...]:
+    """Localisations of a solution by ascending frequency.
+
+    Raises
+    ------
+    NoDataError
+        Where there is no such solution.
+    """
+    table = table_of(LocalisationRow)
+    query = select(table).where(table.c.solution_id == solution_id).order_by(table.c.frequency_mhz)
+    rows = _of_solution(engine, solution_id, query)
+    return tuple(Localisation(**{name: row[name] for name in row if name != "solution_id"}) for row in rows)
+
+
+def track_fit(engine: Engine, solution_id: str) -> dict[str, Any]:
+    """Track fit of a solution.
+
+    Raises
+    ------
+    NoDataError
+        Where there is no such solution.
+    """
+    table = table_of(TrackFitRow)
+    (row,) = _of_solution(engine, solution_id, select(table).where(table.c.solution_id == solution_id))
+    return dict(row["fit"])
+
+
+def sources(engine: Engine, solution_id: str) -> tuple[SourceFile, ...]:
+    """Inputs of a solution in the order they were published.
+
+    Raises
+    ------
+    NoDataError
+        Where there is no such solution.
+    """
+    link, table = table_of(SolutionSourceRow), table_of(SourceFileRow)
+    query = (
+        select(*(table.c[name] for name in _SOURCE))
+        .join(link, link.c.source_id == table.c.source_id)
+        .where(link.c.solution_id == solution_id)
+        .order_by(link.c.position)
+    )
+    return tuple(SourceFile(**row) for row in _of_solution(engine, solution_id, query))
+
+
+def referenced_paths(engine: Engine) -> frozenset[str]:
+    """Store paths the catalogue refers to: posteriors of all versions, and spectra.
+
+    Parameters
+    ----------
+    engine : sqlalchemy.Engine
+        Engine of the catalogue.
+
+    Returns
+    -------
+    frozenset of str
+        Relative to the root of the store.
+    """
+    solutions, bursts = table_of(SolutionRow).c, table_of(BurstRow).c
+    with reading(engine) as connection:
+        groups = connection.execute(select(solutions.store_path)).scalars().all()
+        spectra = connection.execute(select(bursts.spectra_path).where(bursts.spectra_path.is_not(None))).scalars()
+        return frozenset(groups) | frozenset(spectra)
+
+
+def _existing(connection: Connection, solution_id: str) -> Solution:
+    found = solution_rows(connection, table_of(SolutionRow).c.solution_id == solution_id)
+    if not found:
+        raise NoDataError(f"there is no solution {solution_id}: list those of its burst")
+    return found[0]
+
+
+def _of_solution(engine: Engine, solution_id: str, query: Select[Any]) -> Iterable[Any]:
+    with reading(engine) as connection:
+        _existing(connection, solution_id)
+        return connection.execute(query).mappings().all()
+
+
+def _solution(row: Any, flags: Iterable[str]) -> Solution:
+    rest = {name: row[name] for name in row if name not in _SERIES}
+    return Solution(series=Series(**{name: row[name] for name in _SERIES}), flags=tuple(flags), **rest)

@@ -1,0 +1,90 @@
+"""A run that stages, verifies, places and commits one solution, and can be told where to be killed.
+
+Run as ``python -m tests.catalogue.publisher HOME URL STEP``; killed right after STEP, or never for "none".
+"""
+
+import os
+import signal
+import sys
+import uuid
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import zarr.storage
+from sqlalchemy import Engine, event
+
+import bella.store.writing
+from bella.catalogue import Catalogue, Solution
+from bella.store import place_group, stage_group, verify_group
+from tests.catalogue.examples import SERIES, publication
+from tests.store.examples import posterior
+
+STEPS = ("lease", "half written", "not flushed", "stage", "verify", "place", "before commit", "commit")
+BURST = "T3-20120607-1929"
+
+
+def die(*_: Any) -> None:
+    os.kill(os.getpid(), signal.SIGKILL)
+
+
+def arm(step: str) -> Callable[[str], None]:
+    """Arrange to be killed inside a step, and give back what kills after one."""
+    if step == "half written":
+        _die_in_the_middle_of_writing()
+    if step == "not flushed":
+        bella.store.writing.flush_tree = die
+
+    def after(done: str) -> None:
+        if done == step:
+            die()
+        if (done, step) == ("place", "before commit"):
+            # transactions that only read commit as well
+            event.listen(Engine, "commit", lambda connection: die() if _has_solution(connection) else None)
+
+    return after
+
+
+def _die_in_the_middle_of_writing() -> None:
+    put = zarr.storage.LocalStore.set
+    chunks: list[str] = []
+
+    async def set_(self: Any, key: str, value: Any) -> None:
+        await put(self, key, value)
+        chunks.append(key)
+        if len([one for one in chunks if not one.endswith("zarr.json")]) == 4:
+            die()
+
+    zarr.storage.LocalStore.set = set_  # type: ignore[method-assign]
+
+
+def _has_solution(connection: Any) -> bool:
+    return bool(connection.exec_driver_sql("SELECT count(*) FROM solution").scalar_one())
+
+
+def run(home: Path, database_url: str, step: str = "none") -> Solution:
+    """One run, the way a flow does it: what is published already is not made again."""
+    done = arm(step)
+    root = home / "store"
+    with (
+        Catalogue.open(database_url, create=True) as catalogue,
+        catalogue.lease("localise", BURST, uuid.uuid4().hex, 600),
+    ):
+        done("lease")
+        found = catalogue.find_solution(BURST, SERIES, "h1", "0.1.0")
+        if found:
+            return found
+        group = posterior()
+        staged = stage_group(group, root)
+        done("stage")
+        sha256 = verify_group(staged, group)
+        done("verify")
+        path = place_group(staged, root, f"{BURST}/{uuid.uuid4().hex}.zarr")
+        done("place")
+        solution = catalogue.publish(publication("h1", store_path=path, store_sha256=sha256))
+        done("commit")
+        return solution
+
+
+if __name__ == "__main__":
+    run(Path(sys.argv[1]), sys.argv[2], sys.argv[3])

@@ -1,0 +1,85 @@
+"""A run killed between any two steps shows nothing half, and the next run finishes what it began."""
+
+import signal
+import subprocess
+import sys
+from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import ExitStack
+from pathlib import Path
+
+import pytest
+import xarray as xr
+
+from bella.catalogue import BurstQuery, Catalogue
+from bella.exceptions import StoreError
+from bella.store import open_group, sweep
+from tests.catalogue.publisher import BURST, STEPS, run
+from tests.fixtures_postgres import postgres_database
+from tests.store.examples import posterior
+
+REPOSITORY = Path(__file__).parents[2]
+# on a server only the steps differ that touch it
+CASES = [*((step, "sqlite") for step in STEPS), ("lease", "postgresql"), ("before commit", "postgresql")]
+Killed = dict[tuple[str, str], tuple[Path, str]]
+
+
+def killed_run(home: Path, url: str, step: str) -> int:
+    command = [sys.executable, "-m", "tests.catalogue.publisher", str(home), url, step]
+    return subprocess.run(command, cwd=REPOSITORY, capture_output=True, check=False).returncode
+
+
+@pytest.fixture(scope="module")
+def killed(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Killed]:
+    """Homes of runs that were killed, each after another step."""
+    with ExitStack() as databases:
+        homes: Killed = {}
+        for step, backend in CASES:
+            home = tmp_path_factory.mktemp("home")
+            url = f"sqlite:///{home / 'catalogue.sqlite'}"
+            if backend == "postgresql":
+                url = databases.enter_context(postgres_database())
+            homes[step, backend] = home, url
+        with ThreadPoolExecutor(2) as pool:
+            codes = pool.map(lambda case: killed_run(*homes[case], case[0]), CASES)
+        assert list(codes) == [-signal.SIGKILL] * len(CASES)
+        yield homes
+
+
+@pytest.mark.parametrize("case", CASES, ids="-".join)
+def test_a_killed_run_shows_all_or_nothing_and_the_next_finishes(killed: Killed, case: tuple[str, str]) -> None:
+    home, url = killed[case]
+    committed = case[0] == "commit"
+    with Catalogue.open(url) as catalogue:
+        assert catalogue.bursts(BurstQuery()).total == int(committed)
+        assert len(catalogue.referenced_paths()) == int(committed)
+        assert [one.state for one in catalogue.stage_runs()] == ["running"]
+
+    solution = run(home, url)
+
+    with Catalogue.open(url) as catalogue:
+        assert catalogue.versions(BURST) == (solution,)
+        assert solution.version == 1
+        assert len(catalogue.localisations(solution.solution_id)) == 2
+        (stage,) = catalogue.stage_runs()
+        assert (stage.state, stage.attempts) == ("done", 2)
+        referenced = catalogue.referenced_paths()
+    check_sweep(home / "store", referenced, orphans=int(case[0] not in {"lease", "commit"}))
+    xr.testing.assert_identical(open_group(home / "store", solution.store_path, solution.store_sha256), posterior())
+    assert run(home, url) == solution
+
+
+def check_sweep(root: Path, referenced: frozenset[str], orphans: int) -> None:
+    assert sweep(root, referenced, older_than_s=3600.0) == []
+    assert len(sweep(root, referenced, older_than_s=0.0)) == orphans
+    assert {one.relative_to(root).as_posix() for one in root.rglob("*.zarr")} == referenced
+
+
+def test_a_half_written_group_would_not_even_open(killed: Killed, tmp_path: Path) -> None:
+    home = tmp_path / "home"
+    assert killed_run(home, f"sqlite:///{home / 'catalogue.sqlite'}", "half written") == -signal.SIGKILL
+    (staged,) = (home / "store" / ".staging").iterdir()
+    assert len([one for one in staged.rglob("*") if one.is_file() and one.name != "zarr.json"]) == 4
+    staged.rename(home / "store" / "placed_by_hand.zarr")
+    with pytest.raises(StoreError):
+        open_group(home / "store", "placed_by_hand.zarr")

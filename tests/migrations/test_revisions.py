@@ -1,0 +1,134 @@
+"""Up, down and up again on both databases, and migrations that make exactly what the models say."""
+
+import json
+import os
+import subprocess
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+from alembic import command
+from alembic.autogenerate import compare_metadata
+from alembic.runtime.migration import MigrationContext
+from alembic.script import ScriptDirectory
+from sqlalchemy import Engine, inspect
+
+from bella.catalogue import Catalogue
+from bella.catalogue.engine import connect, parse_url, reading, writing
+from bella.catalogue.models import Base
+from bella.catalogue.schema import REVISION_TABLE, migration_config, revision_of
+from bella.exceptions import StoreError
+from tests.catalogue.examples import publication
+
+REVISIONS = [one.revision for one in ScriptDirectory.from_config(migration_config()).walk_revisions()][::-1]
+
+
+@pytest.fixture
+def engine(database_url: str) -> Iterator[Engine]:
+    opened = connect(parse_url(database_url))
+    yield opened
+    opened.dispose()
+
+
+def migrate(engine: Engine, revision: str) -> None:
+    with writing(engine) as connection:
+        before = revision_of(connection)
+        at = REVISIONS.index(before) if before else -1
+        down = revision == "base" or REVISIONS.index(revision) < at
+        (command.downgrade if down else command.upgrade)(migration_config(connection), revision)
+
+
+def written(found: list[Any]) -> list[str]:
+    return sorted(json.dumps(one, sort_keys=True, default=str) for one in found)
+
+
+def shape(engine: Engine) -> dict[str, object]:
+    """Everything about the schema that a database tells."""
+    found = inspect(engine)
+    return {
+        table: (
+            [(one["name"], str(one["type"]), one["nullable"]) for one in found.get_columns(table)],
+            found.get_pk_constraint(table),
+            written(found.get_foreign_keys(table)),
+            written(found.get_unique_constraints(table)),
+            written(found.get_check_constraints(table)),
+            written(found.get_indexes(table)),
+        )
+        for table in found.get_table_names()
+    }
+
+
+def test_models_are_what_migrations_make(engine: Engine) -> None:
+    migrate(engine, REVISIONS[-1])
+    with reading(engine) as connection:
+        options = {"version_table": REVISION_TABLE, "compare_type": True, "compare_server_default": True}
+        context = MigrationContext.configure(connection, opts=options)
+        assert compare_metadata(context, Base.metadata) == []
+
+
+def test_constraints_of_models_are_those_of_migrations(engine: Engine) -> None:
+    migrate(engine, REVISIONS[-1])
+    migrated = shape(engine)
+    migrated.pop(REVISION_TABLE)
+    migrate(engine, "base")
+    with writing(engine) as connection:
+        Base.metadata.create_all(connection)
+    made = shape(engine)
+    made.pop(REVISION_TABLE)
+    assert made == migrated
+
+
+def test_up_down_up_ends_where_it_was(engine: Engine) -> None:
+    for revision in REVISIONS:
+        migrate(engine, revision)
+    highest = shape(engine)
+    for revision in [*REVISIONS[-2::-1], "base"]:
+        migrate(engine, revision)
+    assert set(inspect(engine).get_table_names()) <= {REVISION_TABLE}
+    for revision in REVISIONS:
+        migrate(engine, revision)
+    assert shape(engine) == highest
+
+
+def test_down_and_up_with_content(engine: Engine, database_url: str) -> None:
+    with Catalogue.open(database_url, create=True) as catalogue:
+        catalogue.publish(publication("h1"))
+        catalogue.publish(publication("h2"))
+    migrate(engine, "base")
+    migrate(engine, REVISIONS[-1])
+    with Catalogue.open(database_url) as catalogue:
+        assert catalogue.publish(publication("h1")).version == 1
+
+
+def test_a_database_taken_down_is_made_anew_only_when_asked(engine: Engine, database_url: str) -> None:
+    migrate(engine, REVISIONS[-1])
+    migrate(engine, "base")
+    with pytest.raises(StoreError, match="`bella run` brings it to the newest revision"):
+        Catalogue.open(database_url)
+    with Catalogue.open(database_url, create=True) as catalogue:
+        assert catalogue.revision() == REVISIONS[-1]
+
+
+def test_an_upgrade_that_fails_leaves_nothing(engine: Engine) -> None:
+    def upgrade_and_fail() -> None:
+        with writing(engine) as connection:
+            command.upgrade(migration_config(connection), "head")
+            raise ZeroDivisionError
+
+    with pytest.raises(ZeroDivisionError):
+        upgrade_and_fail()
+    assert inspect(engine).get_table_names() == []
+
+
+def test_alembic_on_its_own_finds_the_catalogue_of_the_settings(database_url: str, tmp_path: Path) -> None:
+    lines = (
+        "from alembic import command",
+        "from bella.catalogue.schema import migration_config",
+        "command.upgrade(migration_config(), 'head')",
+    )
+    environment = os.environ | {"BELLA_DATABASE_URL": database_url, "BELLA_HOME": str(tmp_path)}
+    subprocess.run([sys.executable, "-c", "\n".join(lines)], env=environment, check=True, cwd=Path(__file__).parents[2])
+    with Catalogue.open(database_url) as catalogue:
+        assert catalogue.revision() == REVISIONS[-1]
