@@ -1,0 +1,37 @@
+"""Figures: the constellation with its tracks, and the dynamic spectra with the edges that were timed.
+
+The screen figures are plain dicts in plotly's JSON form, made without importing plotly; the printed ones are PNG files
+drawn with matplotlib, which is imported when one of their two functions is first asked for.
+"""
+
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
+from bella.plotting.constellation import constellation_figure, selected_regions
+from bella.plotting.geometry import TrackView, polar_track, speed_remark
+from bella.plotting.palette import edge_name
+from bella.plotting.script import plotly_script, plotly_version
+from bella.plotting.spectra import spectra_figure
+
+if TYPE_CHECKING:
+    from bella.plotting.printed import write_constellation_png, write_spectra_png
+
+__all__ = [
+    "TrackView",
+    "constellation_figure",
+    "edge_name",
+    "plotly_script",
+    "plotly_version",
+    "polar_track",
+    "selected_regions",
+    "spectra_figure",
+    "speed_remark",
+    "write_constellation_png",
+    "write_spectra_png",
+]
+
+
+def __getattr__(name: str) -> Any:
+    if name in {"write_constellation_png", "write_spectra_png"}:
+        return getattr(import_module("bella.plotting.printed"), name)
+    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

@@ -1,0 +1,72 @@
+"""Colours, markers and names that the screen figures and the printed ones share.
+
+Track colours are a blue and an orange that stay apart under the common forms of colour blindness, and every track has
+a marker of its own, so that colour is never the only difference.
+"""
+
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True)
+class TrackStyle:
+    """How one track is drawn: a colour, the same colour as numbers, and a marker in both plotting languages."""
+
+    colour: str
+    rgb: tuple[int, int, int]
+    symbol: str
+    printed_marker: str
+
+    def shade(self, opacity: float) -> str:
+        """Colour with an opacity between 0 and 1, as CSS."""
+        red, green, blue = self.rgb
+        return f"rgba({red},{green},{blue},{opacity:g})"
+
+
+def _style(colour: str, symbol: str, printed_marker: str) -> TrackStyle:
+    red, green, blue = (int(colour[i : i + 2], 16) for i in (1, 3, 5))
+    return TrackStyle(colour, (red, green, blue), symbol, printed_marker)
+
+
+TRACK_STYLES = (
+    _style("#1f7fc1", "circle", "o"),
+    _style("#d95f02", "diamond", "D"),
+    _style("#11936b", "square", "s"),
+    _style("#b8508f", "triangle-up", "^"),
+)
+
+EDGE_NAMES = {
+    "gauss_hermite": "Gauss-Hermite edge",
+    "half_maximum": "Half-maximum edge",
+}
+
+INK = "#22303c"
+FAINT = "rgba(110,125,140,0.35)"
+SUN = "#f5b301"
+SPACECRAFT = "#5b6b7a"
+FREQUENCY_SCALE = "Viridis"
+INTENSITY_SCALE = [(0.0, "#12161d"), (0.35, "#3d454f"), (0.7, "#9a9a94"), (1.0, "#fbf5e4")]
+"""Dark to ivory without a hue of its own, so that the coloured edges stand out on it."""
+
+FREQUENCY_TICKS_MHZ = (0.02, 0.05, 0.1, 0.2, 0.5, 1.0, 2.0, 5.0, 10.0, 20.0)
+
+
+def track_style(edge: str, index: int) -> TrackStyle:
+    """Style of a track: a known definition of the edge looks the same in every figure, others take what is left.
+
+    Parameters
+    ----------
+    edge : str
+        Definition of the edge, or its name.
+    index : int
+        Place of the track in its figure.
+    """
+    known = [*EDGE_NAMES, *EDGE_NAMES.values()]
+    if edge in known:
+        return TRACK_STYLES[known.index(edge) % len(EDGE_NAMES)]
+    others = TRACK_STYLES[len(EDGE_NAMES) :]
+    return others[index % len(others)]
+
+
+def edge_name(edge: str) -> str:
+    """Name of an edge definition as a reader sees it."""
+    return EDGE_NAMES.get(edge, edge.replace("_", " "))
