@@ -1,0 +1,147 @@
+"""What a run starts from: the built-in burst, or an arrival table that was handed in."""
+
+import hashlib
+from collections.abc import Mapping
+from dataclasses import dataclass
+from datetime import UTC, date, datetime
+from importlib import resources
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import xarray as xr
+
+from bella.arrivals import read_arrivals
+from bella.bursts.event import EVENT, half_maximum_arrivals, half_maximum_edges, published_arrivals
+from bella.bursts.identity import burst_id, onset
+from bella.catalogue import Burst, SourceFile
+from bella.exceptions import InputError
+from bella.spectra import event_spectra
+
+SUBMISSIONS = "arrival_table"
+"""Name of the dataset of arrival tables that were handed in."""
+
+
+@dataclass(frozen=True)
+class BurstInput:
+    """One burst with everything a run needs.
+
+    Attributes
+    ----------
+    burst : Burst
+    arrivals : mapping of str to DataFrame
+        Arrival table of each definition of the edge.
+    channel_edges : mapping of str to DataFrame
+        What is drawn on the spectra, by definition of the edge.
+    spectra : DataTree or None
+        One DynamicSpectrum per observatory; None where only arrival times were handed in.
+    sources : tuple of SourceFile
+    """
+
+    burst: Burst
+    arrivals: Mapping[str, pd.DataFrame]
+    channel_edges: Mapping[str, pd.DataFrame]
+    spectra: xr.DataTree | None
+    sources: tuple[SourceFile, ...]
+
+
+def load_burst(subject: str, incoming: Path) -> BurstInput:
+    """Load the built-in event by its date, or a table that was handed in by its checksum.
+
+    Parameters
+    ----------
+    subject : str
+    incoming : Path
+        Folder of the tables that were handed in.
+
+    Returns
+    -------
+    BurstInput
+
+    Raises
+    ------
+    InputError
+        If there is neither.
+    """
+    check_subject(subject, incoming)
+    if subject == EVENT.name:
+        return _built_in_event()
+    return _submission(subject, incoming / f"{subject}.csv")
+
+
+def check_subject(subject: str, incoming: Path) -> None:
+    """Refuse what :func:`load_burst` does not know, before anything is started.
+
+    Parameters
+    ----------
+    subject : str
+    incoming : Path
+        Folder of the tables that were handed in.
+
+    Raises
+    ------
+    InputError
+        Names the event that is there.
+    """
+    if subject != EVENT.name and not (incoming / f"{subject}.csv").is_file():
+        raise InputError(f"event {subject!r} is not known; the built-in one is {EVENT.name}")
+
+
+def _built_in_event() -> BurstInput:
+    arrivals = {"gauss_hermite": published_arrivals(), "half_maximum": half_maximum_arrivals()}
+    burst = Burst(
+        EVENT.burst_id,
+        _aware(EVENT.start_utc),
+        _aware(EVENT.stop_utc),
+        EVENT.low_mhz,
+        EVENT.high_mhz,
+        EVENT.observatories,
+    )
+    edges = {"gauss_hermite": arrivals["gauss_hermite"], "half_maximum": half_maximum_edges()}
+    return BurstInput(burst, arrivals, edges, event_spectra(), _event_sources())
+
+
+def _event_sources() -> tuple[SourceFile, ...]:
+    """Resource files of the package that the built-in event is read from."""
+    day = _aware(EVENT.start_utc).date()
+    rooms = ("bella.bursts", "bella.spectra")
+    files = [file for room in rooms for file in resources.files(room).iterdir() if file.name.endswith((".csv", ".nc"))]
+    return tuple(
+        SourceFile(
+            dataset="built_in_event",
+            day=day,
+            version="1",
+            sha256=hashlib.sha256(file.read_bytes()).hexdigest(),
+            state="done",
+            uri=f"package:{file.name}",
+        )
+        for file in sorted(files, key=lambda file: file.name)
+    )
+
+
+def _submission(sha256: str, table: Path) -> BurstInput:
+    arrivals = read_arrivals(table)
+    if hashlib.sha256(table.read_bytes()).hexdigest() != sha256:
+        raise InputError(f"{table.name} is not the table that was handed in; hand it in again")
+    start, stop = onset(arrivals), arrivals["arrival_utc"].to_numpy("datetime64[ns]").max()
+    frequency = arrivals["frequency_mhz"]
+    burst = Burst(
+        burst_id(start),
+        _aware(start),
+        _aware(stop),
+        float(frequency.min()),
+        float(frequency.max()),
+        tuple(dict.fromkeys(arrivals["observatory"])),
+    )
+    source = SourceFile(SUBMISSIONS, _day(start), "1", sha256, "done", table.name)
+    edge = str(arrivals["edge"].iloc[0])
+    return BurstInput(burst, {edge: arrivals}, {edge: arrivals}, None, (source,))
+
+
+def _aware(time: np.datetime64) -> datetime:
+    stamp: datetime = pd.Timestamp(time).floor("ms").to_pydatetime()
+    return stamp.replace(tzinfo=UTC)
+
+
+def _day(time: np.datetime64) -> date:
+    return _aware(time).date()

@@ -1,0 +1,209 @@
+"""Localise one burst with every definition of its edge, publish the solutions, draw the figures."""
+
+from collections.abc import Callable
+from contextlib import closing
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any, ParamSpec, TypeVar
+
+import pandas as pd
+import structlog
+import xarray as xr
+from prefect import flow, task
+from prefect.artifacts import create_table_artifact
+from prefect.cache_policies import NO_CACHE
+from prefect.client.schemas.objects import State, TaskRun
+from prefect.runtime import flow_run
+from prefect.tasks import Task
+
+import bella
+from bella.arrivals import locate_receivers
+from bella.bursts.event import EVENT
+from bella.catalogue import Catalogue, Series, Solution
+from bella.exceptions import BellaError
+from bella.multilateration import localise
+from bella.plotting import TrackView, edge_name, write_constellation_png, write_spectra_png
+from bella.settings import Settings
+from bella.store import open_group, sweep
+from bella.tracks import track_fit
+from flows.inputs import BurstInput, load_burst
+from flows.progress import counter
+from flows.publication import Draft, inputs_hash, publish, store_spectra
+
+log = structlog.get_logger(__name__)
+
+STAGE = "localise"
+P = ParamSpec("P")
+R = TypeVar("R")
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """What a run has to say about one solution."""
+
+    solution: Solution
+    new: bool
+    track: dict[str, Any]
+
+
+def is_retriable(_task: Task[..., Any], _run: TaskRun, state: State[Any]) -> bool:
+    """Try again only where the class of the error says that trying again can help."""
+    error = state.result(raise_on_failure=False, _sync=True)  # type: ignore[call-overload]
+    return isinstance(error, BellaError) and error.retriable
+
+
+def coarse(name: str) -> Callable[[Callable[P, R]], Callable[P, R]]:
+    """Declare a task that retries what is retriable, and whose arguments and results stay in memory."""
+    declare: Callable[[Callable[P, R]], Callable[P, R]] = task(
+        name=name, retries=2, retry_delay_seconds=[5, 30], retry_condition_fn=is_retriable, cache_policy=NO_CACHE
+    )
+    return declare
+
+
+@coarse("load")
+def load(subject: str, settings: Settings) -> BurstInput:
+    """Load a burst: the built-in event by its date, or a table that was handed in by its checksum."""
+    return load_burst(subject, settings.incoming_root)
+
+
+@coarse("arrivals")
+def place(arrivals: pd.DataFrame) -> pd.DataFrame:
+    """Put the position of its receiver beside every arrival time."""
+    return locate_receivers(arrivals)
+
+
+@coarse("localise")
+def solve(arrivals: pd.DataFrame, burst_id: str, series: Series, settings: Settings) -> xr.Dataset:
+    """Compute the posterior of every frequency."""
+    total = arrivals["frequency_mhz"].nunique()
+    posterior = localise(
+        arrivals,
+        preset=series.preset,
+        method=series.method,
+        dimensions=series.dimensions,
+        draws=settings.draws,
+        seed=settings.seed,
+        advance=counter(f"localise {edge_name(series.edge)}", total),
+    )
+    return posterior.assign_attrs(burst_id=burst_id)
+
+
+@coarse("fit")
+def fit(posterior: xr.Dataset) -> dict[str, Any]:
+    """Fit the spiral of the field line to the track."""
+    return track_fit(posterior)
+
+
+@coarse("publish")
+def record(draft: Draft, settings: Settings) -> Solution:
+    """Make the solution visible in store and catalogue."""
+    with closing(Catalogue.open(settings.catalogue_url)) as catalogue:
+        return publish(draft, catalogue, settings)
+
+
+@coarse("figures")
+def draw(given: BurstInput, outcomes: list[Outcome], settings: Settings) -> None:
+    """Draw the constellation and, where there are any, the spectra of a burst."""
+    constellation, *spectra = figure_paths(given, outcomes, settings)
+    views = [
+        TrackView(
+            edge_name(outcome.solution.series.edge),
+            open_group(settings.store_root, outcome.solution.store_path),
+            outcome.track,
+        )
+        for outcome in outcomes
+    ]
+    advance = counter("figures", 1 + len(spectra))
+    write_constellation_png(constellation, views)
+    advance(1)
+    if given.spectra is not None:
+        named = {edge_name(edge): table for edge, table in given.channel_edges.items()}
+        write_spectra_png(spectra[0], given.spectra, named)
+        advance(1)
+
+
+def figure_paths(given: BurstInput, outcomes: list[Outcome], settings: Settings) -> list[Path]:
+    """Files of the figures of a run; each method and preset has a constellation of its own."""
+    series = outcomes[0].solution.series
+    names = [f"constellation-{series.method}-{series.preset}.png", "spectra.png"]
+    return [settings.figures_root / given.burst.burst_id / name for name in names[: 1 + (given.spectra is not None)]]
+
+
+def is_drawn(figure: Path, outcomes: list[Outcome]) -> bool:
+    """Tell whether a figure was drawn after the solutions it shows; not so where a run was killed before it drew."""
+    newest = max(outcome.solution.created_utc for outcome in outcomes)
+    return figure.is_file() and figure.stat().st_mtime >= newest.timestamp()
+
+
+@flow(name="localise-burst", validate_parameters=False)
+def localise_burst(
+    subject: str = EVENT.name, preset: str = "bella-2024", method: str = "posterior", dimensions: int = 2
+) -> list[Outcome]:
+    """Localise one burst with every definition of its edge, and publish what is new.
+
+    Parameters
+    ----------
+    subject : str
+        Date of the built-in event, or checksum of an arrival table that was handed in.
+    preset, method : str
+        Names of `bella.multilateration.PRESETS` and `METHODS`.
+    dimensions : int
+
+    Returns
+    -------
+    list of Outcome
+        One per definition of the edge.
+
+    Raises
+    ------
+    BellaError
+        What went wrong, in one line.
+    """
+    settings = Settings()
+    run_id = str(flow_run.get_id() or "local")
+    with (
+        structlog.contextvars.bound_contextvars(run_id=run_id, subject=subject),
+        closing(Catalogue.open(settings.catalogue_url, create=True)) as catalogue,
+        catalogue.lease(STAGE, subject, run_id, settings.lease_s) as lease,
+    ):
+        sweep(settings.store_root, catalogue.referenced_paths(), settings.lease_s)
+        given = load(subject, settings)
+        spectra_path = store_spectra(given.spectra, given.burst, catalogue, settings)
+        given = replace(given, burst=replace(given.burst, spectra_path=spectra_path))
+        outcomes = []
+        for edge in given.arrivals:
+            lease.renew(settings.lease_s)
+            outcomes.append(_outcome(given, Series(edge, method, preset, dimensions), catalogue, settings))
+        if not all(is_drawn(figure, outcomes) for figure in figure_paths(given, outcomes, settings)):
+            draw(given, outcomes, settings)
+        create_table_artifact(key=given.burst.burst_id.lower(), table=[summary_row(one) for one in outcomes])
+        return outcomes
+
+
+def _outcome(given: BurstInput, series: Series, catalogue: Catalogue, settings: Settings) -> Outcome:
+    """Solution of one series: the one that is there if its inputs are the same, else a new version."""
+    arrivals = place(given.arrivals[series.edge])
+    checksum = inputs_hash(arrivals, given.sources, series, settings)
+    bound = log.bind(burst_id=given.burst.burst_id, edge=series.edge, preset=series.preset)
+    same = catalogue.find_solution(given.burst.burst_id, series, checksum, bella.__version__)
+    if same is not None:
+        bound.info("nothing new", solution_id=same.solution_id)
+        return Outcome(same, new=False, track=catalogue.track_fit(same.solution_id))
+    posterior = solve(arrivals, given.burst.burst_id, series, settings)
+    track = fit(posterior)
+    solution = record(Draft(given.burst, series, checksum, posterior, track, given.sources), settings)
+    bound.info("published", solution_id=solution.solution_id)
+    return Outcome(solution, new=True, track=track)
+
+
+def summary_row(outcome: Outcome) -> dict[str, Any]:
+    """One line of the summary table of a run."""
+    line = outcome.track["two_step"]
+    return {
+        "solution": outcome.solution.solution_id,
+        "new": outcome.new,
+        "phi0_deg": line["phi0_deg"]["mean"],
+        "v_sw_km_s": line["v_sw_km_s"]["mean"],
+        "rotation_period_d": line["rotation_period_d"],
+        "flags": ", ".join(outcome.solution.flags),
+    }

@@ -1,0 +1,164 @@
+"""From a posterior to a visible solution: stage, verify, rename, one commit.
+
+A crash between any two of these leaves nothing that a reader can see. What it leaves on disk is swept by a later run.
+"""
+
+import hashlib
+import json
+import uuid
+from dataclasses import asdict, dataclass
+from typing import Any
+
+import numpy as np
+import pandas as pd
+import xarray as xr
+
+import bella
+from bella.arrivals import arrivals_csv
+from bella.catalogue import Burst, Catalogue, Localisation, Publication, Series, Solution, SourceFile
+from bella.exceptions import NoDataError
+from bella.formats import localisation_records
+from bella.multilateration import PRESETS
+from bella.settings import Settings
+from bella.store import content_sha256, place_group, stage_group, verify_group
+
+
+def inputs_hash(arrivals: pd.DataFrame, sources: tuple[SourceFile, ...], series: Series, settings: Settings) -> str:
+    """Checksum of everything a solution depends on but the code.
+
+    Parameters
+    ----------
+    arrivals : pandas.DataFrame
+        Arrival table with the positions of the receivers.
+    sources : tuple of SourceFile
+    series : Series
+    settings : Settings
+
+    Returns
+    -------
+    str
+        Hexadecimal SHA-256.
+    """
+    choices = {
+        "series": asdict(series),
+        "preset": asdict(PRESETS[series.preset]),
+        "draws": settings.draws,
+        "seed": settings.seed,
+        "sources": sorted(source.sha256 for source in sources),
+    }
+    text = json.dumps(choices, sort_keys=True) + arrivals_csv(arrivals)
+    return hashlib.sha256(text.encode()).hexdigest()
+
+
+def store_group(group: xr.Dataset | xr.DataTree, settings: Settings, name: str) -> tuple[str, str]:
+    """Write a group, read it back, and give it a name that nothing has had before.
+
+    Parameters
+    ----------
+    group : xarray.Dataset or xarray.DataTree
+    settings : Settings
+    name : str
+        Path below the store, without ending.
+
+    Returns
+    -------
+    store_path, sha256 : str
+    """
+    staged = stage_group(group, settings.store_root)
+    sha256 = verify_group(staged, group)
+    unique = f"{name}-{sha256[:8]}-{uuid.uuid4().hex[:8]}.zarr"
+    return place_group(staged, settings.store_root, unique), sha256
+
+
+def store_spectra(spectra: xr.DataTree | None, burst: Burst, catalogue: Catalogue, settings: Settings) -> str | None:
+    """Keep the spectra of a burst, unless the same ones are kept already.
+
+    Parameters
+    ----------
+    spectra : xarray.DataTree or None
+    burst : Burst
+    catalogue : Catalogue
+    settings : Settings
+
+    Returns
+    -------
+    str or None
+        Store path.
+    """
+    if spectra is None:
+        return None
+    kept = _kept_spectra(burst, catalogue)
+    if kept is not None and f"spectra-{content_sha256(spectra)[:8]}-" in kept:
+        return kept
+    return store_group(spectra, settings, f"{burst.burst_id}/spectra")[0]
+
+
+def _kept_spectra(burst: Burst, catalogue: Catalogue) -> str | None:
+    try:
+        return catalogue.burst(burst.burst_id).burst.spectra_path
+    except NoDataError:
+        return None
+
+
+@dataclass(frozen=True)
+class Draft:
+    """A solution before it is visible.
+
+    Attributes
+    ----------
+    burst : Burst
+    series : Series
+    checksum : str
+        As :func:`inputs_hash` returns it.
+    posterior : xarray.Dataset
+    track : dict
+        As :func:`bella.tracks.track_fit` returns it.
+    sources : tuple of SourceFile
+    """
+
+    burst: Burst
+    series: Series
+    checksum: str
+    posterior: xr.Dataset
+    track: dict[str, Any]
+    sources: tuple[SourceFile, ...]
+
+
+def publish(draft: Draft, catalogue: Catalogue, settings: Settings) -> Solution:
+    """Make a solution visible.
+
+    Parameters
+    ----------
+    draft : Draft
+    catalogue : Catalogue
+    settings : Settings
+
+    Returns
+    -------
+    Solution
+        The new version; or the one that another run published meanwhile from the same inputs.
+    """
+    series, posterior = draft.series, draft.posterior
+    name = f"{draft.burst.burst_id}/{series.edge}-{series.method}-{series.preset}-{series.dimensions}d"
+    store_path, sha256 = store_group(posterior, settings, name)
+    return catalogue.publish(
+        Publication(
+            burst=draft.burst,
+            series=series,
+            inputs_hash=draft.checksum,
+            code_version=bella.__version__,
+            flags=solution_flags(posterior, draft.track),
+            store_path=store_path,
+            store_sha256=sha256,
+            reference_utc=pd.Timestamp(posterior.attrs["reference_time"]).to_pydatetime(),
+            localisations=tuple(Localisation(**record) for record in localisation_records(posterior)),  # type: ignore[arg-type]
+            track_fit=draft.track,
+            sources=draft.sources,
+        )
+    )
+
+
+def solution_flags(posterior: xr.Dataset, track: dict[str, Any]) -> tuple[str, ...]:
+    """Flags raised on any frequency of a solution or on its track fit, in alphabetical order."""
+    raised = {flag for flags in np.unique(posterior["flags"].to_numpy()) for flag in str(flags).split(";") if flag}
+    return tuple(sorted(raised | set(track.get("two_step", {}).get("flags", ()))))

@@ -1,0 +1,62 @@
+"""Run the command line as a user does: as a process, in folders of its own."""
+
+import os
+import subprocess
+import sys
+from dataclasses import dataclass
+from pathlib import Path
+
+BELLA = str(Path(sys.executable).with_name("bella"))
+TIMEOUT_S = 240
+
+
+@dataclass(frozen=True)
+class Sandbox:
+    """Folders of a user who has nothing yet.
+
+    Attributes
+    ----------
+    home : Path
+        The product's home folder.
+    elsewhere : tuple of Path
+        Working, user and temporary folder: nothing may be written there.
+    """
+
+    home: Path
+    elsewhere: tuple[Path, Path, Path]
+
+    @classmethod
+    def within(cls, folder: Path) -> "Sandbox":
+        elsewhere = (folder / "work", folder / "user", folder / "temporary")
+        for path in elsewhere:
+            path.mkdir(parents=True)
+        return cls(folder / "bella-home", elsewhere)
+
+    @property
+    def environment(self) -> dict[str, str]:
+        kept = {name: os.environ[name] for name in ("PATH", "LANG", "LC_ALL") if name in os.environ}
+        _, user, temporary = self.elsewhere
+        return kept | {"HOME": str(user), "TMPDIR": str(temporary), "BELLA_HOME": str(self.home), "COLUMNS": "120"}
+
+    def run(self, *command: str, code: int | None = 0, **environment: str) -> subprocess.CompletedProcess[str]:
+        """Run a command to its end and, unless `code` is None, expect that exit status."""
+        done = subprocess.run(
+            command,
+            cwd=self.elsewhere[0],
+            env=self.environment | environment,
+            capture_output=True,
+            text=True,
+            timeout=TIMEOUT_S,
+            check=False,
+        )
+        if code is not None:
+            assert done.returncode == code, f"exit {done.returncode}\n{done.stdout}\n{done.stderr}"
+        return done
+
+    def bella(self, *arguments: str, code: int | None = 0) -> subprocess.CompletedProcess[str]:
+        """Run ``bella`` with arguments."""
+        return self.run(BELLA, *arguments, code=code)
+
+    def files_elsewhere(self) -> list[Path]:
+        """Files outside the home folder."""
+        return [path for folder in self.elsewhere for path in folder.rglob("*") if path.is_file()]

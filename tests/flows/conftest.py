@@ -1,0 +1,18 @@
+from pathlib import Path
+from subprocess import CompletedProcess
+
+import pytest
+
+from tests.commands import Sandbox
+
+
+@pytest.fixture(scope="session")
+def first_run(tmp_path_factory: pytest.TempPathFactory) -> tuple[Sandbox, "CompletedProcess[str]"]:
+    """The built-in event, run once by a user who has nothing yet."""
+    sandbox = Sandbox.within(tmp_path_factory.mktemp("first"))
+    return sandbox, sandbox.bella("run")
+
+
+@pytest.fixture
+def sandbox(tmp_path: Path) -> Sandbox:
+    return Sandbox.within(tmp_path)

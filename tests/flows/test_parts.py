@@ -1,0 +1,144 @@
+"""The plain functions under the flow, without Prefect's engine."""
+
+import hashlib
+from contextlib import closing
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import xarray as xr
+from fastapi.testclient import TestClient
+from typer.testing import CliRunner
+
+from api.app import create_app
+from bella.arrivals import arrivals_csv, locate_receivers
+from bella.bursts import EVENT, half_maximum_arrivals, published_arrivals
+from bella.catalogue import Catalogue, Series
+from bella.cli import app
+from bella.exceptions import BusyError, InputError, StoreError, UnreachableError
+from bella.multilateration import localise
+from bella.settings import Settings
+from bella.tracks import track_fit
+from flows import environment, progress
+from flows.inputs import load_burst
+from flows.publication import Draft, inputs_hash, publish, solution_flags
+
+SERIES = Series("half_maximum", "posterior", "default", 2)
+
+
+@pytest.fixture(scope="module")
+def located() -> Any:
+    return locate_receivers(half_maximum_arrivals(np.array([0.3, 1.0])))
+
+
+def test_inputs_hash_changes_with_everything_a_solution_depends_on(located: Any) -> None:
+    sources = load_burst(EVENT.name, Path("nowhere")).sources
+    settings = Settings()
+    same = inputs_hash(located, sources, SERIES, settings)
+    assert same == inputs_hash(located.copy(), sources[::-1], SERIES, settings)
+    others = {
+        inputs_hash(located.assign(sigma_s=located["sigma_s"] + 1e-6), sources, SERIES, settings),
+        inputs_hash(located.assign(x_rsun=located["x_rsun"] + 1e-4), sources, SERIES, settings),
+        inputs_hash(located, sources[1:], SERIES, settings),
+        inputs_hash(located, sources, replace(SERIES, preset="paper"), settings),
+        inputs_hash(located, sources, replace(SERIES, method="nuts"), settings),
+        inputs_hash(located, sources, SERIES, Settings(seed=1)),
+        inputs_hash(located, sources, SERIES, Settings(draws=10)),
+    }
+    assert len(others | {same}) == 8
+
+
+def test_built_in_event_names_its_inputs() -> None:
+    given = load_burst(EVENT.name, Path("nowhere"))
+    assert given.burst.burst_id == "T3-20120607-1929"
+    assert set(given.arrivals) == {"gauss_hermite", "half_maximum"}
+    assert given.spectra is not None
+    assert set(given.spectra.children) == set(given.burst.observatories)
+    assert len({source.sha256 for source in given.sources}) == len(given.sources) >= 3
+
+
+def test_submission_becomes_a_burst_named_by_its_onset(tmp_path: Path) -> None:
+    table = published_arrivals(np.array([0.2, 2.0]))
+    text = arrivals_csv(table)
+    sha256 = hashlib.sha256(text.encode()).hexdigest()
+    (tmp_path / f"{sha256}.csv").write_text(text)
+    given = load_burst(sha256, tmp_path)
+    assert given.burst.burst_id == "T3-20120607-1929"
+    assert (given.burst.f_low_mhz, given.burst.f_high_mhz) == (0.2, 2.0)
+    assert given.spectra is None
+    assert given.sources[0].sha256 == sha256
+
+
+def test_submission_that_was_changed_is_refused(tmp_path: Path) -> None:
+    (tmp_path / f"{'0' * 64}.csv").write_text(arrivals_csv(published_arrivals(np.array([0.2, 2.0]))))
+    with pytest.raises(InputError, match="hand it in again"):
+        load_burst("0" * 64, tmp_path)
+
+
+def test_burst_of_one_frequency_is_published_without_a_spiral(tmp_path: Path, located: Any) -> None:
+    """Positions are worth having where there are too few of them for a track."""
+    settings = Settings(home=tmp_path, draws=200)
+    given = load_burst(EVENT.name, Path("nowhere"))
+    alone = located[located["frequency_mhz"] == 1.0]
+    posterior = localise(alone, draws=settings.draws)
+    with closing(Catalogue.open(settings.catalogue_url, create=True)) as catalogue:
+        draft = Draft(given.burst, SERIES, "0" * 64, posterior, track_fit(posterior), given.sources)
+        solution = publish(draft, catalogue, settings)
+    assert "too_few_positions" in solution.flags
+    with TestClient(create_app(settings)) as client:
+        page = client.get(f"/bursts/{given.burst.burst_id}")
+        figure = client.get(f"/api/v1/bursts/{given.burst.burst_id}/figures/constellation")
+        track = client.get(f"/api/v1/bursts/{given.burst.burst_id}/track").json()
+    assert page.status_code == figure.status_code == 200
+    assert "no spiral was fitted" in page.text
+    assert len(track["localisations"]) == 1
+    shown = CliRunner().invoke(app, ["catalogue", "show", given.burst.burst_id], env={"BELLA_HOME": str(tmp_path)})
+    assert shown.exit_code == 0, shown.output
+
+
+def test_solution_flags_are_those_of_rows_and_fit() -> None:
+    posterior = xr.Dataset({"flags": ("frequency", np.array(["", "b;a", "b"]))})
+    assert solution_flags(posterior, {"two_step": {"flags": ["formal_errors"]}}) == ("a", "b", "formal_errors")
+    assert solution_flags(posterior.isel(frequency=[0]), {}) == ()
+
+
+@pytest.mark.parametrize(
+    ("error", "again"),
+    [(BusyError("x"), True), (UnreachableError("x"), True), (StoreError("x"), False), (ValueError("x"), False)],
+)
+def test_only_errors_that_may_pass_are_tried_again(error: Exception, *, again: bool) -> None:
+    from prefect.states import Failed
+
+    from flows.localise_burst import is_retriable
+
+    state = Failed(data=error)
+    assert is_retriable(None, None, state) is again  # type: ignore[arg-type]
+
+
+def test_progress_counts_for_who_listens() -> None:
+    heard: list[tuple[str, int, int]] = []
+    progress.counter("unheard", 2)(1)
+    progress.listen(lambda *news: heard.append(news))
+    advance = progress.counter("localise", 5)
+    advance(2)
+    advance(3)
+    assert heard == [("localise", 0, 5), ("localise", 2, 5), ("localise", 5, 5)]
+
+
+def test_environment_keeps_what_an_operator_has_set(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    names = ("PREFECT_HOME", "MPLCONFIGDIR", "NUMBA_CACHE_DIR", "PYTENSOR_FLAGS", "XDG_CACHE_HOME", "DO_NOT_TRACK")
+    for name in names:
+        monkeypatch.setenv(name, "")  # so that the test's own environment is restored afterwards
+        monkeypatch.delenv(name)
+    for name in ("PREFECT_SERVER_ANALYTICS_ENABLED", "PREFECT_LOGGING_LEVEL", "PREFECT_LOGGING_TO_API_ENABLED"):
+        monkeypatch.setenv(name, "kept")
+    for name in ("PREFECT_CLI_PROMPT", "XDG_CONFIG_HOME"):
+        monkeypatch.setenv(name, "kept")
+    environment.prepare(Settings(home=tmp_path / "home"))
+    import os
+
+    assert os.environ["PREFECT_HOME"] == str(tmp_path / "home" / "prefect")
+    assert os.environ["DO_NOT_TRACK"] == "1"
+    assert os.environ["PREFECT_LOGGING_LEVEL"] == "kept"

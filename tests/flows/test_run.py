@@ -1,0 +1,206 @@
+"""The main job, as a process: what it prints, what it leaves, and that a second run changes nothing."""
+
+import json
+import math
+import os
+import sqlite3
+import struct
+import subprocess
+from contextlib import closing
+from pathlib import Path
+from subprocess import CompletedProcess
+
+import numpy as np
+import pytest
+
+from bella.catalogue import Catalogue
+from tests.commands import BELLA, Sandbox
+
+BURST = "T3-20120607-1929"
+FirstRun = tuple[Sandbox, "CompletedProcess[str]"]
+
+
+def catalogue_of(sandbox: Sandbox) -> Catalogue:
+    return Catalogue.open(f"sqlite:///{sandbox.home / 'catalogue.sqlite'}")
+
+
+def rows_of(sandbox: Sandbox) -> dict[str, list[tuple[object, ...]]]:
+    """Every row of every table that holds results."""
+    tables = ("burst", "solution", "localisation", "track_fit", "source_file")
+    with closing(sqlite3.connect(sandbox.home / "catalogue.sqlite")) as database:
+        return {name: database.execute(f"select * from {name} order by 1, 2").fetchall() for name in tables}
+
+
+def groups_of(sandbox: Sandbox) -> list[str]:
+    return sorted(str(path.relative_to(sandbox.home)) for path in (sandbox.home / "store" / BURST).iterdir())
+
+
+def test_summary_says_what_was_found(first_run: FirstRun) -> None:
+    _, done = first_run
+    for word in (BURST, "gauss_hermite", "half_maximum", "n.c. (1.00)", "24.47", "25.38", "2 new solutions"):
+        assert word in done.stdout, done.stdout
+    assert "Traceback" not in done.stdout + done.stderr
+    assert "localise" in done.stderr, "progress is shown on standard error"
+
+
+def test_published_result_is_reproduced(first_run: FirstRun) -> None:
+    """Canizares et al. (2024): 10-150 solar radii, phi0 30 +- 2 deg, v_sw 400 +- 20 km/s."""
+    sandbox, _ = first_run
+    with closing(catalogue_of(sandbox)) as catalogue:
+        solution = next(one for one in catalogue.versions(BURST) if one.series.edge == "gauss_hermite")
+        track = catalogue.track_fit(solution.solution_id)
+        rows = catalogue.localisations(solution.solution_id)
+    radii = [math.hypot(row.x_rsun, row.y_rsun) for row in rows]
+    assert len(rows) == 200
+    assert (rows[0].frequency_mhz, rows[-1].frequency_mhz) == pytest.approx((0.15, 2.0))
+    assert min(radii) == pytest.approx(12, abs=1.5)
+    assert max(radii) == pytest.approx(152, abs=3)
+    assert track["rotation_period_d"] == 24.47
+    assert track["two_step"]["phi0_deg"]["mean"] == pytest.approx(30, abs=2)
+    assert track["two_step"]["v_sw_km_s"]["mean"] == pytest.approx(400, abs=20)
+    sidereal = track["two_step_other_rotations"]["25.38"]["v_sw_km_s"]["mean"]
+    assert sidereal == pytest.approx(track["two_step"]["v_sw_km_s"]["mean"] * 24.47 / 25.38)
+    assert {row.flags for row in rows} == {"speed_not_constrained"}
+    assert all(row.contraction_v > 0.99 for row in rows)
+
+
+def test_edge_definition_changes_the_track(first_run: FirstRun) -> None:
+    sandbox, _ = first_run
+    with closing(catalogue_of(sandbox)) as catalogue:
+        spread = {
+            one.series.edge: np.ptp(
+                [math.degrees(math.atan2(row.y_rsun, row.x_rsun)) for row in catalogue.localisations(one.solution_id)]
+            )
+            for one in catalogue.versions(BURST)
+        }
+    assert spread["gauss_hermite"] > 30
+    assert spread["half_maximum"] < 20
+
+
+def test_figures_are_pictures(first_run: FirstRun) -> None:
+    sandbox, done = first_run
+    for name in ("constellation-posterior-bella-2024.png", "spectra.png"):
+        path = sandbox.home / "figures" / BURST / name
+        assert str(path) in done.stdout
+        content = path.read_bytes()
+        assert content[:8] == b"\x89PNG\r\n\x1a\n"
+        assert min(struct.unpack(">II", content[16:24])) > 500
+
+
+def test_nothing_is_written_outside_the_home_folder(first_run: FirstRun) -> None:
+    sandbox, _ = first_run
+    assert sandbox.files_elsewhere() == []
+
+
+def test_embedded_server_ends_with_the_command_and_keeps_its_log(first_run: FirstRun) -> None:
+    sandbox, _ = first_run
+    assert (sandbox.home / "prefect" / "server.log").stat().st_size > 0
+    running = [path for path in Path("/proc").glob("[0-9]*/environ") if str(sandbox.home) in _environment(path)]
+    assert running == []
+
+
+def _environment(path: Path) -> str:
+    try:
+        return path.read_text(errors="replace")
+    except OSError:
+        return ""
+
+
+def test_logs_carry_burst_and_run(first_run: FirstRun) -> None:
+    sandbox, _ = first_run
+    lines = [json.loads(line) for line in (sandbox.home / "logs" / "bella.log").read_text().splitlines()]
+    published = [line for line in lines if line["event"] == "published"]
+    assert {line["edge"] for line in published} == {"gauss_hermite", "half_maximum"}
+    assert {line["burst_id"] for line in published} == {BURST}
+    assert len({line["run_id"] for line in lines}) == 1
+
+
+def test_second_run_changes_nothing(first_run: FirstRun) -> None:
+    sandbox, _ = first_run
+    before, groups = rows_of(sandbox), groups_of(sandbox)
+    done = sandbox.bella("run", "--json")
+    assert [row["new"] for row in json.loads(done.stdout)] == [False, False]
+    assert rows_of(sandbox) == before
+    assert groups_of(sandbox) == groups
+
+
+def test_figure_that_a_killed_run_did_not_draw_is_drawn_by_the_next(first_run: FirstRun) -> None:
+    sandbox, _ = first_run
+    constellation, spectra = (
+        sandbox.home / "figures" / BURST / name for name in ("constellation-posterior-bella-2024.png", "spectra.png")
+    )
+    spectra.unlink()
+    os.utime(constellation, (0, 0))
+    sandbox.bella("run")
+    assert spectra.is_file()
+    assert constellation.stat().st_mtime > 0
+
+
+def test_other_preset_is_another_series(first_run: FirstRun) -> None:
+    sandbox, _ = first_run
+    before = rows_of(sandbox)
+    figures = sandbox.home / "figures" / BURST
+    kept = (figures / "constellation-posterior-bella-2024.png").read_bytes()
+    done = sandbox.bella("run", "--preset", "default", "--json")
+    assert (figures / "constellation-posterior-default.png").read_bytes() != kept
+    assert (figures / "constellation-posterior-bella-2024.png").read_bytes() == kept
+    assert [row["new"] for row in json.loads(done.stdout)] == [True, True]
+    after = rows_of(sandbox)
+    assert set(before["solution"]) < set(after["solution"])
+    with closing(catalogue_of(sandbox)) as catalogue:
+        assert {one.version for one in catalogue.versions(BURST)} == {1}
+
+
+def test_killed_run_leaves_nothing_visible_and_the_next_one_finishes(sandbox: Sandbox) -> None:
+    """Killed after the first posterior has its final name, before the commit that would make it visible."""
+    script = (
+        "import os, signal, flows.publication as publication\n"
+        "place = publication.place_group\n"
+        "def placed_then_killed(staged, root, name):\n"
+        "    path = place(staged, root, name)\n"
+        "    if 'posterior' in name:\n"
+        "        os.kill(os.getpid(), signal.SIGKILL)\n"
+        "    return path\n"
+        "publication.place_group = placed_then_killed\n"
+        "import sys; sys.argv = ['bella', 'run']\n"
+        "from bella.cli import main; main()\n"
+    )
+    killed = sandbox.run(str(Path(BELLA).with_name("python")), "-c", script, code=None)
+    assert killed.returncode == -9, killed.stderr
+    assert len(groups_of(sandbox)) == 2, "spectra and one posterior were in place"
+    assert rows_of(sandbox)["solution"] == []
+    sandbox.bella("run")
+    with closing(catalogue_of(sandbox)) as catalogue:
+        assert {(one.series.edge, one.version) for one in catalogue.versions(BURST)} == {
+            ("gauss_hermite", 1),
+            ("half_maximum", 1),
+        }
+
+
+def test_two_runs_at_once_end_with_one_result(sandbox: Sandbox) -> None:
+    runs = [
+        subprocess.Popen([BELLA, "run"], env=sandbox.environment, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE)
+        for _ in range(2)
+    ]
+    ends = [(run.communicate(timeout=240)[1].decode(), run.returncode) for run in runs]
+    assert 0 in {code for _, code in ends}
+    for stderr, code in ends:
+        assert code == 0 or (code == 1 and "is being done by" in stderr), stderr
+        assert "Traceback" not in stderr
+    with closing(catalogue_of(sandbox)) as catalogue:
+        assert [one.version for one in catalogue.versions(BURST)] == [1, 1]
+
+
+def test_catalogue_and_status_tell_of_the_run(first_run: FirstRun) -> None:
+    sandbox, _ = first_run
+    listed = json.loads(sandbox.bella("catalogue", "list", "--json").stdout)
+    assert [row["burst_id"] for row in listed] == [BURST]
+    status = json.loads(sandbox.bella("status", "--json").stdout)
+    assert [(run["subject"], run["state"]) for run in status["runs"]] == [("2012-06-07", "done")]
+    assert status["waiting"] == 0
+    shown = sandbox.bella("catalogue", "show", BURST).stdout
+    assert "v_sw km/s" in shown
+    assert "gauss_hermite" in shown
+    unknown = sandbox.bella("catalogue", "show", "T3-19990101-0000", code=1)
+    assert unknown.stderr.startswith("bella: ")
+    assert unknown.stderr.count("\n") == 1
