@@ -1,0 +1,1 @@
+"""The catalogue over HTTP: REST, the posterior store read-only, and the pages."""

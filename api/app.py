@@ -1,0 +1,51 @@
+"""The application: `create_app` puts routers, pages, errors and headers together.
+
+``uvicorn api.app:create_app --factory`` serves it with the settings of the environment.
+"""
+
+from pathlib import Path
+
+from fastapi import FastAPI
+from fastapi.staticfiles import StaticFiles
+
+from api.errors import install_error_handlers
+from api.headers import install_headers
+from api.routers import arrivals, bursts, figures, health, pages, solutions
+from api.service import Service
+from bella import __version__
+from bella.logs import log_to
+from bella.settings import Settings
+
+STATIC = Path(__file__).parent / "static"
+
+
+def create_app(settings: Settings | None = None) -> FastAPI:
+    """Application over one home folder and one catalogue.
+
+    Parameters
+    ----------
+    settings : Settings, optional
+        Without it they are read from the environment, and logs go to standard error: the application is the process.
+
+    Returns
+    -------
+    FastAPI
+    """
+    app = FastAPI(
+        title="BELLA service",
+        version=__version__,
+        summary="Where solar radio bursts were, and how sure we are.",
+        openapi_url="/api/v1/openapi.json",
+        docs_url=None,  # both viewers load their scripts from elsewhere
+        redoc_url=None,
+    )
+    if settings is None:
+        log_to(None)
+        settings = Settings()
+    app.state.service = Service(settings)
+    install_error_handlers(app)
+    install_headers(app)
+    for module in (bursts, solutions, figures, arrivals, health, pages):
+        app.include_router(module.router)
+    app.mount("/static", StaticFiles(directory=STATIC), name="static")
+    return app

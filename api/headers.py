@@ -1,0 +1,73 @@
+"""What is the same for all replies: compression, security headers, and who may read."""
+
+from fastapi import FastAPI
+from starlette.datastructures import MutableHeaders
+from starlette.middleware.cors import CORSMiddleware
+from starlette.middleware.gzip import GZipMiddleware
+from starlette.types import ASGIApp, Message, Receive, Scope, Send
+
+# plotly writes style attributes and draws heatmaps into data: images; scripts come from this service alone
+CONTENT_SECURITY_POLICY = "; ".join(
+    [
+        "default-src 'none'",
+        "script-src 'self'",
+        "style-src 'self' 'unsafe-inline'",
+        "img-src 'self' data: blob:",
+        "connect-src 'self'",
+        "form-action 'self'",
+        "base-uri 'none'",
+        "frame-ancestors 'self'",
+    ]
+)
+
+ALWAYS = {
+    "X-Content-Type-Options": "nosniff",
+    "Referrer-Policy": "no-referrer",
+    "Content-Security-Policy": CONTENT_SECURITY_POLICY,
+}
+
+
+class SecurityHeaders:
+    """Adds the headers of `ALWAYS` to each reply."""
+
+    def __init__(self, app: ASGIApp) -> None:
+        self.app = app
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        """Pass the request on and mark the reply."""
+
+        async def _marked(message: Message) -> None:
+            if message["type"] == "http.response.start":
+                MutableHeaders(scope=message).update(ALWAYS)
+            await send(message)
+
+        await self.app(scope, receive, _marked if scope["type"] == "http" else send)
+
+
+class CompressAllButStore(GZipMiddleware):
+    """Compresses replies, but not the files of the store: those are compressed already, and read in byte ranges."""
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        """Compress, or pass on as it is."""
+        if "/posterior.zarr/" in scope.get("path", ""):
+            await self.app(scope, receive, send)
+        else:
+            await super().__call__(scope, receive, send)
+
+
+def install_headers(app: FastAPI) -> None:
+    """Add all of this to an application.
+
+    Parameters
+    ----------
+    app : FastAPI
+    """
+    app.add_middleware(CompressAllButStore, minimum_size=1000, compresslevel=6)
+    app.add_middleware(
+        CORSMiddleware,
+        allow_origins=["*"],
+        allow_methods=["GET", "HEAD"],
+        allow_headers=["Range", "If-None-Match", "Accept"],
+        expose_headers=["ETag", "Content-Range", "Content-Length", "Accept-Ranges", "Retry-After"],
+    )
+    app.add_middleware(SecurityHeaders)

@@ -1,0 +1,144 @@
+"""What may stand in the query of an address. An unknown parameter is refused: a misspelt filter must not be ignored."""
+
+from datetime import UTC, datetime
+from typing import Literal
+
+from pydantic import BaseModel, ConfigDict, Field, field_validator
+
+from bella.catalogue import BurstQuery, Solution
+from bella.exceptions import InputError, NoDataError
+
+TIME_HINT = "write a UTC time as 2012-06-07 or 2012-06-07T19:30:00Z"
+
+
+class _Query(BaseModel):
+    model_config = ConfigDict(extra="forbid")
+
+
+class BurstFilter(_Query):
+    """Which bursts are asked for; without parameters, all."""
+
+    start: str | None = Field(None, description="Bursts that start at this UTC time or later.", examples=["2012-06-01"])
+    stop: str | None = Field(None, description="Bursts that start before this UTC time.", examples=["2012-07-01"])
+    observatory: list[str] = Field([], description="Observatories that must all have heard the burst; repeatable.")
+    without_flag: list[str] = Field([], description="Quality flags the burst must not have; repeatable.")
+    limit: int = Field(50, ge=1, le=1000, description="Bursts per reply.")
+    cursor: str | None = Field(None, description="Where to go on: taken from `next` of the reply before.")
+
+    @field_validator("start", "stop", "cursor", mode="before")
+    @classmethod
+    def _empty_is_absent(cls, value: object) -> object:
+        return None if value == "" else value
+
+    @field_validator("observatory", "without_flag")
+    @classmethod
+    def _without_empty(cls, values: list[str]) -> list[str]:
+        return [value.strip() for value in values if value.strip()]
+
+    def query(self) -> BurstQuery:
+        """Question to the catalogue.
+
+        Raises
+        ------
+        InputError
+            If a time cannot be read or start is not before stop.
+        """
+        start, stop = (parse_utc(getattr(self, name), name) for name in ("start", "stop"))
+        if start and stop and start >= stop:
+            raise InputError("start: is not before stop; exchange them, or leave one out")
+        return BurstQuery(
+            start=start,
+            stop=stop,
+            observatories=frozenset(self.observatory),
+            flags_absent=frozenset(self.without_flag),
+            cursor=self.cursor,
+            limit=self.limit,
+        )
+
+
+class SolutionChoice(_Query):
+    """Which solution of a burst is asked for; without parameters, the preferred one."""
+
+    edge: str | None = Field(None, description="Definition of the edge, such as half_maximum.")
+    method: str | None = Field(None, description="Method, such as posterior or nuts.")
+    preset: str | None = Field(None, description="Preset, such as default, paper or bella-2024.")
+    version: int | None = Field(None, ge=1, description="Version; without it, the newest.")
+
+
+class TrackChoice(SolutionChoice):
+    """Which solution, and in which format."""
+
+    format: Literal["json", "csv"] | None = Field(None, description="Format; without it, as the Accept header says.")
+
+
+class SeriesChoice(_Query):
+    """Which series the figures show, where a burst has several per edge definition."""
+
+    method: str | None = Field(None, description="Method, such as posterior or nuts.")
+    preset: str | None = Field(None, description="Preset, such as default, paper or bella-2024.")
+
+
+class FrequencyChoice(SeriesChoice):
+    """Which channel of each track."""
+
+    frequency_mhz: float = Field(gt=0, le=1000, allow_inf_nan=False, description="The nearest channel is taken.")
+
+
+def parse_utc(text: str | None, name: str) -> datetime | None:
+    """UTC time from text; None stays None, a time without a zone is UTC.
+
+    Parameters
+    ----------
+    text : str or None
+    name : str
+        Parameter that is named when it cannot be read.
+
+    Raises
+    ------
+    InputError
+        If it is not a time.
+    """
+    if text is None:
+        return None
+    try:
+        # a "+" in a query that nobody escaped arrives as a blank
+        moment = datetime.fromisoformat(text.strip().replace(" +", "+"))
+        return moment.replace(tzinfo=UTC) if moment.tzinfo is None else moment.astimezone(UTC)
+    except (ValueError, OverflowError) as error:
+        raise InputError(f"{name}: {text[:40]!r} is not a time; {TIME_HINT}") from error
+
+
+def matching(solutions: tuple[Solution, ...], choice: SolutionChoice) -> list[Solution]:
+    """Solutions that a choice allows, in the order of preference in which the catalogue gives them."""
+    return [
+        solution
+        for solution in solutions
+        if choice.edge in {None, solution.series.edge}
+        and choice.method in {None, solution.series.method}
+        and choice.preset in {None, solution.series.preset}
+        and choice.version in {None, solution.version}
+    ]
+
+
+def chosen(solutions: tuple[Solution, ...], choice: SolutionChoice, burst_id: str) -> Solution:
+    """The one solution that a choice means.
+
+    Raises
+    ------
+    NoDataError
+        If there is none; the message lists what there is.
+    """
+    fits = matching(solutions, choice)
+    if not fits:
+        known = sorted({f"{s.series.edge}/{s.series.method}/{s.series.preset} v{s.version}" for s in solutions})
+        raise NoDataError(f"{burst_id} has no such solution; it has {', '.join(known) or 'none at all'}")
+    return fits[0]
+
+
+def one_per_edge(solutions: tuple[Solution, ...], choice: SeriesChoice) -> list[Solution]:
+    """The preferred solution of each definition of the edge, in the order of their names."""
+    fits = matching(solutions, SolutionChoice(method=choice.method, preset=choice.preset))
+    found: dict[str, Solution] = {}
+    for solution in fits:
+        found.setdefault(solution.series.edge, solution)
+    return [found[edge] for edge in sorted(found)]

@@ -1,0 +1,89 @@
+"""The pages' templates, and how numbers and times are written in them."""
+
+from collections.abc import Mapping
+from datetime import UTC, datetime
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+from fastapi import Request
+from fastapi.responses import HTMLResponse
+from jinja2 import Environment, FileSystemLoader, StrictUndefined
+
+from api.wording import flag_meaning
+from bella import __version__
+from bella.plotting import edge_name, plotly_version
+
+TEMPLATES = Path(__file__).parent / "templates"
+
+
+def is_page(request: Request) -> bool:
+    """Whether a request is for a page, not for the API or a file."""
+    accepts = request.headers.get("accept", "")
+    return "text/html" in accepts and not request.url.path.startswith(("/api/", "/health", "/static/"))
+
+
+def render(
+    request: Request, template: str, *, status: int = 200, headers: Mapping[str, str] | None = None, **values: Any
+) -> HTMLResponse:
+    """Page from a template.
+
+    Parameters
+    ----------
+    request : Request
+    template : str
+        File name in the folder of templates.
+    status : int
+    headers : mapping, optional
+    **values : Any
+        What the template speaks of.
+
+    Returns
+    -------
+    HTMLResponse
+    """
+    text = _environment().get_template(template).render(path=request.url.path, status=status, **values)
+    return HTMLResponse(text, status, {"Cache-Control": "no-cache", **(headers or {})})
+
+
+@cache
+def _environment() -> Environment:
+    environment = Environment(
+        loader=FileSystemLoader(TEMPLATES),
+        autoescape=True,
+        undefined=StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+    )
+    environment.filters.update(
+        utc=written_time, day=written_day, clock=written_clock, pm=written_error, edge=edge_name, meaning=flag_meaning
+    )
+    environment.globals.update(version=__version__, plotly_version=plotly_version())
+    return environment
+
+
+def written_time(moment: datetime) -> str:
+    """Time as 2012-06-07 19:29:15 UTC."""
+    return f"{_in_utc(moment):%Y-%m-%d %H:%M:%S} UTC"
+
+
+def written_day(moment: datetime) -> str:
+    """Day as 2012-06-07."""
+    return f"{_in_utc(moment):%Y-%m-%d}"
+
+
+def written_clock(moment: datetime) -> str:
+    """Time of day as 19:29:15."""
+    return f"{_in_utc(moment):%H:%M:%S}"
+
+
+def written_error(parameter: Mapping[str, Any] | None, digits: int = 1) -> str:
+    """Fitted parameter as mean ± sd; a dash where there is none."""
+    if not parameter or parameter.get("mean") is None:
+        return "\N{EN DASH}"
+    mean = f"{parameter['mean']:.{digits}f}".replace("-", "\N{MINUS SIGN}")
+    return f"{mean} ± {parameter['sd']:.{digits}f}" if parameter.get("sd") is not None else mean
+
+
+def _in_utc(moment: datetime) -> datetime:
+    return moment.replace(tzinfo=UTC) if moment.tzinfo is None else moment.astimezone(UTC)

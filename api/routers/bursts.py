@@ -1,0 +1,169 @@
+"""Bursts, their versions, tracks and posteriors."""
+
+import dataclasses
+import math
+from typing import Annotated, Any
+
+from fastapi import APIRouter, Header, Query, Request, Response
+from fastapi.responses import PlainTextResponse
+
+from api.queries import BurstFilter, FrequencyChoice, SolutionChoice, TrackChoice, chosen, one_per_edge
+from api.schemas import (
+    BurstReply,
+    BurstsReply,
+    PosteriorReply,
+    RegionsReply,
+    SolutionReply,
+    TrackReply,
+    VersionReply,
+    VersionsReply,
+    zarr_path,
+)
+from api.service import CatalogueHere, ServiceHere
+from api.wording import APPARENT_SOURCE
+from bella.catalogue import Catalogue, Localisation, Solution
+from bella.formats import localisation_csv
+from bella.plotting import edge_name, selected_regions
+from bella.plotting.listing import significant
+
+router = APIRouter(prefix="/api/v1", tags=["bursts"])
+
+
+@router.get("/bursts")
+def bursts(request: Request, catalogue: CatalogueHere, wanted: Annotated[BurstFilter, Query()]) -> BurstsReply:
+    """Bursts in a time range, heard by given observatories, without given quality flags."""
+    page = catalogue.bursts(wanted.query())
+    following = str(request.url.include_query_params(cursor=page.next_cursor)) if page.next_cursor else None
+    return BurstsReply(
+        bursts=[BurstReply.of(summary) for summary in page.bursts],
+        total=page.total,
+        returned=len(page.bursts),
+        truncated=following is not None,
+        next=following,
+    )
+
+
+@router.get("/bursts/{burst_id}")
+def burst(burst_id: str, catalogue: CatalogueHere) -> BurstReply:
+    """One burst with the newest solution of each series."""
+    return BurstReply.of(catalogue.burst(burst_id))
+
+
+@router.get("/bursts/{burst_id}/versions")
+def versions(burst_id: str, catalogue: CatalogueHere) -> VersionsReply:
+    """All solutions that were ever published for a burst, superseded ones too."""
+    return VersionsReply(burst_id=burst_id, versions=versions_of(catalogue.versions(burst_id)))
+
+
+@router.get(
+    "/bursts/{burst_id}/track",
+    response_model=TrackReply,
+    responses={200: {"content": {"text/csv": {}}, "description": "Localisation table and track fit."}},
+)
+def track(
+    burst_id: str,
+    catalogue: CatalogueHere,
+    choice: Annotated[TrackChoice, Query()],
+    accept: Annotated[str, Header()] = "",
+) -> TrackReply | Response:
+    """Localisation table and track fit of one solution, as JSON or CSV."""
+    solution = pick(catalogue, burst_id, choice)
+    rows = [_record(row) for row in catalogue.localisations(solution.solution_id)]
+    fit = catalogue.track_fit(solution.solution_id)
+    if choice.format == "csv" or (choice.format is None and "text/csv" in accept and "json" not in accept):
+        name = f"{burst_id}_{solution.series.edge}_{solution.series.preset}_v{solution.version}.csv"
+        return PlainTextResponse(
+            localisation_csv(rows, table_header(solution)),
+            media_type="text/csv",
+            headers={"Content-Disposition": f'attachment; filename="{name}"', "Vary": "Accept"},
+        )
+    return TrackReply(burst_id=burst_id, solution=SolutionReply.of(solution), track_fit=fit, localisations=rows)
+
+
+@router.get("/bursts/{burst_id}/posterior")
+def posterior(
+    request: Request, burst_id: str, service: ServiceHere, choice: Annotated[SolutionChoice, Query()]
+) -> PosteriorReply:
+    """Summary of the posterior at each frequency, and the address of the Zarr group with all its draws."""
+    solution = pick(service.catalogue(), burst_id, choice)
+    group = service.posterior(solution)
+    numbers = [str(name) for name, variable in group.variables.items() if variable.dims == ("frequency",)]
+    return PosteriorReply(
+        burst_id=burst_id,
+        solution=SolutionReply.of(solution),
+        zarr_url=str(request.base_url).rstrip("/") + zarr_path(solution),
+        draws=group.sizes["draw"],
+        units={_public(name): str(group[name].attrs.get("units", "")) for name in numbers},
+        summary={_public(name): _column(group[name].to_numpy()) for name in numbers},
+        attributes={str(name): _plain(value) for name, value in group.attrs.items()},
+    )
+
+
+@router.get("/bursts/{burst_id}/regions")
+def regions(burst_id: str, service: ServiceHere, choice: Annotated[FrequencyChoice, Query()]) -> RegionsReply:
+    """68 and 95 % regions of each track at the channel nearest to a frequency."""
+    solutions = one_per_edge(service.catalogue().burst(burst_id).solutions, choice)
+    return RegionsReply(
+        burst_id=burst_id,
+        regions=[
+            {
+                "edge": solution.series.edge,
+                "label": edge_name(solution.series.edge),
+                "solution_id": solution.solution_id,
+                **selected_regions(service.posterior(solution), choice.frequency_mhz),
+            }
+            for solution in solutions
+        ],
+    )
+
+
+def pick(catalogue: Catalogue, burst_id: str, choice: SolutionChoice) -> Solution:
+    """The solution of a burst that a choice means; older versions only when the version is named."""
+    known = catalogue.burst(burst_id).solutions if choice.version is None else catalogue.versions(burst_id)
+    return chosen(tuple(known), choice, burst_id)
+
+
+def versions_of(solutions: tuple[Solution, ...]) -> list[VersionReply]:
+    """Solutions with the one that replaced each, the newest first within a series."""
+    successor = {solution.supersedes: solution.solution_id for solution in solutions if solution.supersedes}
+    ordered = sorted(solutions, key=lambda s: (s.series.edge, s.series.method, s.series.preset, -s.version))
+    return [
+        VersionReply(**SolutionReply.of(s).model_dump(), superseded_by=successor.get(s.solution_id)) for s in ordered
+    ]
+
+
+def table_header(solution: Solution) -> dict[str, str]:
+    """Lines above a table that say where its numbers come from."""
+    series = solution.series
+    return {
+        "burst": solution.burst_id,
+        "frame": "HEE, solar radii",
+        "edge": series.edge,
+        "method": series.method,
+        "preset": series.preset,
+        "version": str(solution.version),
+        "solution": solution.solution_id,
+        "code_version": solution.code_version,
+        "remark": APPARENT_SOURCE,
+    }
+
+
+def _record(row: Localisation) -> dict[str, Any]:
+    """Columns of one row; None where there is no number, which JSON has no other word for."""
+    columns = dataclasses.asdict(row)
+    return {
+        name: None if isinstance(value, float) and not math.isfinite(value) else value
+        for name, value in columns.items()
+    }
+
+
+def _public(name: str) -> str:
+    return "frequency_mhz" if name == "frequency" else name
+
+
+def _column(values: Any) -> list[Any]:
+    return significant(values, 7) if values.dtype.kind == "f" else values.tolist()
+
+
+def _plain(value: Any) -> Any:
+    return value.item() if hasattr(value, "item") and getattr(value, "ndim", 1) == 0 else value

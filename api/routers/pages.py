@@ -1,0 +1,144 @@
+"""The pages: the catalogue, one burst, and the files that they draw with."""
+
+import statistics
+from dataclasses import dataclass
+from typing import Any
+from urllib.parse import urlencode
+
+from fastapi import APIRouter, Request, Response
+from fastapi.responses import FileResponse, HTMLResponse
+from pydantic import ValidationError
+
+from api.errors import worded
+from api.freshness import IMMUTABLE
+from api.queries import BurstFilter, SeriesChoice, one_per_edge
+from api.rendering import render
+from api.routers.bursts import versions_of
+from api.schemas import SolutionReply, burst_links
+from api.service import CatalogueHere
+from api.wording import APPARENT_SOURCE, EDGE_DECIDES
+from bella.catalogue import BurstPage, BurstQuery, Catalogue, Solution
+from bella.exceptions import InputError
+from bella.flags import FLAGS, NOT_CONSTRAINED
+from bella.plotting import plotly_script
+from bella.spacecraft import OBSERVATORIES
+
+router = APIRouter(include_in_schema=False)
+
+FILTER_NAMES = frozenset(BurstFilter.model_fields)
+LISTS = frozenset({"observatory", "without_flag"})
+# the page says these two in words: beside the title and in the table of fits
+SAID_ELSEWHERE = frozenset({"speed_not_constrained", "formal_errors"})
+
+
+@dataclass(frozen=True)
+class FitRow:
+    """One line of the table of fits: a definition of the edge with a rotation period."""
+
+    solution: SolutionReply
+    rotation_period_d: float
+    fit: dict[str, Any]
+    first: bool
+
+
+@router.get("/")
+def catalogue_page(request: Request, catalogue: CatalogueHere) -> HTMLResponse:
+    """Bursts that match the query of the address, with a form that writes that query."""
+    asked = _asked(request)
+    page, fault = _answer(catalogue, asked)
+    following = page.next_cursor if page else None
+    return render(
+        request,
+        "catalogue.html",
+        status=422 if fault else 200,
+        rows=[(summary, burst_links(summary.burst)) for summary in page.bursts] if page else [],
+        page=page,
+        fault=fault,
+        asked={name: asked.get(name, [] if name in LISTS else "") for name in FILTER_NAMES},
+        filtered=any(asked.get(name) for name in FILTER_NAMES - {"limit", "cursor"}),
+        onward=urlencode({**asked, "cursor": following}, doseq=True) if following else None,
+        first=urlencode({name: value for name, value in asked.items() if name != "cursor"}, doseq=True),
+        is_empty=page is not None and page.total == 0 and catalogue.bursts(BurstQuery(limit=1)).total == 0,
+        observatories=list(dict.fromkeys([*OBSERVATORIES, *asked.get("observatory", [])])),
+        flags=FLAGS,
+        base_url=str(request.base_url).rstrip("/"),
+    )
+
+
+@router.get("/bursts/{burst_id}")
+def burst_page(request: Request, burst_id: str, catalogue: CatalogueHere) -> HTMLResponse:
+    """Everything about one burst; where it was looked at from stands in the query and is read by the page itself."""
+    summary = catalogue.burst(burst_id)
+    choice = SeriesChoice(method=request.query_params.get("method"), preset=request.query_params.get("preset"))
+    solutions = one_per_edge(summary.solutions, choice)
+    channels = [row.frequency_mhz for row in catalogue.localisations(solutions[0].solution_id)] if solutions else []
+    return render(
+        request,
+        "burst.html",
+        burst=summary.burst,
+        links=burst_links(summary.burst),
+        series=urlencode({name: value for name, value in choice if value}),
+        series_known=_series_known(summary.solutions),
+        solutions=[SolutionReply.of(solution) for solution in solutions],
+        fits=_fit_rows(catalogue, solutions),
+        flags=sorted({flag for solution in solutions for flag in solution.flags} - SAID_ELSEWHERE),
+        contraction=_contraction(catalogue, solutions),
+        not_constrained=NOT_CONSTRAINED,
+        channels=sorted(channels),
+        versions=versions_of(catalogue.versions(burst_id)),
+        base_url=str(request.base_url).rstrip("/"),
+        apparent=APPARENT_SOURCE,
+        edge_decides=EDGE_DECIDES,
+    )
+
+
+@router.get("/static/plotly.min.js")
+def drawing_script() -> Response:
+    """The drawing script of the installed plotly package."""
+    return FileResponse(plotly_script(), media_type="text/javascript", headers={"Cache-Control": IMMUTABLE})
+
+
+def _asked(request: Request) -> dict[str, Any]:
+    """Query of the address, as the form of the page writes it: with empty fields, lists repeated."""
+    query = request.query_params
+    return {name: query.getlist(name) if name in LISTS else query[name] for name in dict.fromkeys(query)}
+
+
+def _answer(catalogue: Catalogue, asked: dict[str, Any]) -> tuple[BurstPage | None, str | None]:
+    """Page of bursts, or what is wrong with the question."""
+    try:
+        return catalogue.bursts(BurstFilter.model_validate(asked).query()), None
+    except (InputError, ValidationError) as error:
+        return None, _fault(error)
+
+
+def _fault(error: InputError | ValidationError) -> str:
+    if isinstance(error, ValidationError):
+        return "; ".join(worded({**fault, "loc": ("query", *fault["loc"])}) for fault in error.errors())
+    return str(error)
+
+
+def _series_known(solutions: tuple[Solution, ...]) -> list[dict[str, str]]:
+    """Method and preset of each series, once each, for the links that exchange one for another."""
+    pairs = dict.fromkeys((solution.series.method, solution.series.preset) for solution in solutions)
+    return [
+        {"method": method, "preset": preset, "query": urlencode({"method": method, "preset": preset})}
+        for method, preset in pairs
+    ]
+
+
+def _fit_rows(catalogue: Catalogue, solutions: list[Solution]) -> list[FitRow]:
+    rows: list[FitRow] = []
+    for solution in solutions:
+        reply = SolutionReply.of(solution)
+        fit = catalogue.track_fit(solution.solution_id)
+        fits = {str(fit.get("rotation_period_d")): fit.get("two_step"), **fit.get("two_step_other_rotations", {})}
+        known = [(period, values) for period, values in fits.items() if values]
+        rows += [FitRow(reply, float(period), values, first=i == 0) for i, (period, values) in enumerate(known)]
+    return rows
+
+
+def _contraction(catalogue: Catalogue, solutions: list[Solution]) -> float | None:
+    """Median contraction of the speed over all channels of all tracks shown."""
+    values = [row.contraction_v for s in solutions for row in catalogue.localisations(s.solution_id)]
+    return statistics.median(values) if values else None

@@ -1,0 +1,210 @@
+"""What the replies hold. Every time is UTC, every position HEE in solar radii."""
+
+from datetime import datetime
+from typing import Any, Literal
+from urllib.parse import urlencode
+
+from pydantic import BaseModel, ConfigDict, Field
+
+from api.wording import APPARENT_SOURCE
+from bella.catalogue import Burst, BurstSummary, Solution, Submission
+
+API = "/api/v1"
+
+
+class Reply(BaseModel):
+    """Base of all replies."""
+
+    model_config = ConfigDict(frozen=True)
+
+
+class SolutionReply(Reply):
+    """One localisation of one burst; it never changes once published."""
+
+    solution_id: str
+    burst_id: str
+    edge: str
+    method: str
+    preset: str
+    dimensions: int
+    version: int
+    supersedes: str | None = Field(description="Solution that this one replaces.")
+    flags: list[str]
+    inputs_hash: str
+    code_version: str
+    store_sha256: str
+    created_utc: datetime = Field(description="When this solution was published.")
+    reference_utc: datetime = Field(description="Epoch of the HEE axes.")
+    links: dict[str, str]
+
+    @classmethod
+    def of(cls, solution: Solution) -> "SolutionReply":
+        """Reply for a solution of the catalogue."""
+        series = solution.series
+        burst = f"{API}/bursts/{solution.burst_id}"
+        pick = urlencode(
+            {"edge": series.edge, "method": series.method, "preset": series.preset, "version": solution.version}
+        )
+        return cls(
+            solution_id=solution.solution_id,
+            burst_id=solution.burst_id,
+            edge=series.edge,
+            method=series.method,
+            preset=series.preset,
+            dimensions=series.dimensions,
+            version=solution.version,
+            supersedes=solution.supersedes,
+            flags=list(solution.flags),
+            inputs_hash=solution.inputs_hash,
+            code_version=solution.code_version,
+            store_sha256=solution.store_sha256,
+            created_utc=solution.created_utc,
+            reference_utc=solution.reference_utc,
+            links={
+                "self": f"{API}/solutions/{solution.solution_id}",
+                "track": f"{burst}/track?{pick}",
+                "track_csv": f"{burst}/track?{pick}&format=csv",
+                "posterior": f"{burst}/posterior?{pick}",
+                "zarr": zarr_path(solution),
+            },
+        )
+
+
+class BurstReply(Reply):
+    """One burst with the newest solution of each series."""
+
+    burst_id: str
+    start_utc: datetime
+    end_utc: datetime
+    f_low_mhz: float
+    f_high_mhz: float
+    observatories: list[str]
+    remark: str = APPARENT_SOURCE
+    solutions: list[SolutionReply]
+    links: dict[str, str]
+
+    @classmethod
+    def of(cls, summary: BurstSummary) -> "BurstReply":
+        """Reply for a burst of the catalogue."""
+        burst = summary.burst
+        return cls(
+            burst_id=burst.burst_id,
+            start_utc=burst.start_utc,
+            end_utc=burst.end_utc,
+            f_low_mhz=burst.f_low_mhz,
+            f_high_mhz=burst.f_high_mhz,
+            observatories=list(burst.observatories),
+            solutions=[SolutionReply.of(solution) for solution in summary.solutions],
+            links=burst_links(burst),
+        )
+
+
+class BurstsReply(Reply):
+    """One page of bursts in the order of their start."""
+
+    bursts: list[BurstReply]
+    total: int = Field(description="Bursts that match, on all pages.")
+    returned: int
+    truncated: bool = Field(description="True when more bursts follow: go on at `next`.")
+    next: str | None
+
+
+class VersionReply(SolutionReply):
+    """A solution with the one that replaced it."""
+
+    superseded_by: str | None
+
+
+class VersionsReply(Reply):
+    """All solutions that were ever published for a burst."""
+
+    burst_id: str
+    versions: list[VersionReply]
+
+
+class TrackReply(Reply):
+    """Localisation table and track fit of one solution."""
+
+    burst_id: str
+    frame: Literal["HEE"] = "HEE"
+    remark: str = APPARENT_SOURCE
+    solution: SolutionReply
+    track_fit: dict[str, Any]
+    localisations: list[dict[str, Any]]
+
+
+class PosteriorReply(Reply):
+    """Summary of a posterior, per frequency; the draws are in the Zarr group at `zarr_url`."""
+
+    burst_id: str
+    frame: Literal["HEE"] = "HEE"
+    remark: str = APPARENT_SOURCE
+    solution: SolutionReply
+    zarr_url: str
+    draws: int = Field(description="Draws per frequency in the Zarr group.")
+    units: dict[str, str]
+    summary: dict[str, list[Any]] = Field(description="One list per variable, as long as `frequency_mhz`.")
+    attributes: dict[str, Any]
+
+
+class RegionsReply(Reply):
+    """Credible regions of each track at the channel nearest to a frequency."""
+
+    burst_id: str
+    frame: Literal["HEE"] = "HEE"
+    regions: list[dict[str, Any]]
+
+
+class SubmissionReply(Reply):
+    """An arrival table that was handed in: waiting for the next run, localised, or refused by it."""
+
+    sha256: str
+    state: str = Field(description="received, done or failed.")
+    message: str
+    burst_id: str | None
+    received_utc: datetime
+    changed_utc: datetime
+    links: dict[str, str]
+
+    @classmethod
+    def of(cls, submission: Submission) -> "SubmissionReply":
+        """Reply for a submission of the catalogue."""
+        waiting = "waits for the next scheduled run" if submission.state == "received" else ""
+        links = {"self": f"{API}/arrivals/{submission.sha256}"}
+        if submission.burst_id:
+            links["burst"] = f"{API}/bursts/{submission.burst_id}"
+        return cls(
+            sha256=submission.sha256,
+            state=submission.state,
+            message=submission.message or waiting,
+            burst_id=submission.burst_id,
+            received_utc=submission.received_utc,
+            changed_utc=submission.changed_utc,
+            links=links,
+        )
+
+
+class HealthReply(Reply):
+    """Whether the service can answer."""
+
+    status: Literal["ok", "failing"]
+    version: str
+    checks: dict[str, str]
+
+
+def zarr_path(solution: Solution) -> str:
+    """Address path of the Zarr group of a solution."""
+    return f"{API}/solutions/{solution.solution_id}/posterior.zarr"
+
+
+def burst_links(burst: Burst) -> dict[str, str]:
+    """Addresses of everything about a burst."""
+    base = f"{API}/bursts/{burst.burst_id}"
+    parts = ("versions", "track", "posterior")
+    figures = {f"figure_{name}": f"{base}/figures/{name}" for name in ("constellation", "spectra")}
+    return {
+        "self": base,
+        "page": f"/bursts/{burst.burst_id}",
+        **{part: f"{base}/{part}" for part in parts},
+        **figures,
+    }

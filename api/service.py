@@ -1,0 +1,85 @@
+"""What one application holds: its settings, its catalogue (opened when first asked for), and the open posteriors."""
+
+from functools import lru_cache, partial
+from threading import Lock
+from typing import Annotated
+
+import xarray as xr
+from fastapi import Depends, Request
+
+from bella.catalogue import Catalogue, Solution
+from bella.exceptions import NoDataError
+from bella.settings import Settings
+from bella.store import open_group, open_tree
+
+POSTERIORS_KEPT = 16
+SPECTRA_KEPT = 4
+
+
+class Service:
+    """Catalogue and store of one application.
+
+    The catalogue is opened at the first request that needs it, so that the service starts, and can say what is wrong,
+    while the database is away. Groups of the store never change: what was opened stays open.
+
+    Parameters
+    ----------
+    settings : Settings
+    """
+
+    def __init__(self, settings: Settings) -> None:
+        self.settings = settings
+        self._catalogue: Catalogue | None = None
+        self._opening = Lock()
+        self._posterior = lru_cache(POSTERIORS_KEPT)(partial(open_group, settings.store_root))
+        self._spectra = lru_cache(SPECTRA_KEPT)(partial(open_tree, settings.store_root))
+
+    def catalogue(self) -> Catalogue:
+        """Catalogue, opened on first use.
+
+        Raises
+        ------
+        StoreError
+            If there is none yet, or it is damaged or of another version.
+        UnreachableError
+            If the database does not answer.
+        """
+        with self._opening:
+            if self._catalogue is None:
+                self._catalogue = Catalogue.open(self.settings.catalogue_url)
+            return self._catalogue
+
+    def posterior(self, solution: Solution) -> xr.Dataset:
+        """Posterior of a solution.
+
+        Raises
+        ------
+        StoreError
+            If it is missing or damaged.
+        """
+        return self._posterior(solution.store_path)
+
+    def spectra(self, burst_id: str, store_path: str | None) -> xr.DataTree:
+        """Spectra of a burst, one child per observatory.
+
+        Raises
+        ------
+        NoDataError
+            If none were kept.
+        """
+        if store_path is None:
+            raise NoDataError(f"no spectra are kept for {burst_id}: it was localised from an arrival table")
+        return self._spectra(store_path)
+
+
+def _service(request: Request) -> Service:
+    service: Service = request.app.state.service
+    return service
+
+
+def _catalogue(request: Request) -> Catalogue:
+    return _service(request).catalogue()
+
+
+ServiceHere = Annotated[Service, Depends(_service)]
+CatalogueHere = Annotated[Catalogue, Depends(_catalogue)]

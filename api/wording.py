@@ -1,0 +1,15 @@
+"""Sentences that more than one reply or page says."""
+
+from bella.flags import FLAGS
+
+APPARENT_SOURCE = "apparent source: no scattering correction"
+
+EDGE_DECIDES = (
+    "The definition of the edge decides the track: each row is the same burst, timed at another point of its rise. "
+    "The difference between the rows is a systematic error that the error bars of one row do not hold."
+)
+
+
+def flag_meaning(flag: str) -> str:
+    """What a quality flag means, for a reader of the page."""
+    return FLAGS.get(flag, flag.replace("_", " "))

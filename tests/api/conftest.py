@@ -1,0 +1,40 @@
+"""One home folder with bursts in it, shared by the tests that only read."""
+
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+from fastapi.testclient import TestClient
+
+from api.app import create_app
+from bella.catalogue import Catalogue
+from bella.settings import Settings
+from tests.api.published import publish_event, publish_many, published, settings_of, synthetic_burst
+
+
+@pytest.fixture(scope="session")
+def filled(tmp_path_factory: pytest.TempPathFactory) -> Settings:
+    """Eight bursts; the first has spectra, both edge definitions, and a superseded version."""
+    settings = settings_of(tmp_path_factory.mktemp("home"))
+    with Catalogue.open(settings.catalogue_url, create=True) as catalogue:
+        first, _ = publish_event(settings, catalogue)
+        spectra_path = catalogue.burst(first.burst_id).burst.spectra_path
+        published(settings, catalogue, burst=synthetic_burst(spectra_path=spectra_path), inputs_hash="b" * 64)
+        publish_many(settings, catalogue, 7)
+    return settings
+
+
+@pytest.fixture
+def client(filled: Settings) -> Iterator[TestClient]:
+    """Reader of the filled home folder."""
+    with TestClient(create_app(filled), raise_server_exceptions=False) as reader:
+        yield reader
+
+
+@pytest.fixture
+def empty(tmp_path: Path) -> Settings:
+    """Home folder whose catalogue holds nothing."""
+    settings = settings_of(tmp_path / "home", max_pending_submissions=2, max_submission_bytes=20_000)
+    settings.store_root.mkdir(parents=True)
+    Catalogue.open(settings.catalogue_url, create=True).close()
+    return settings

@@ -1,0 +1,123 @@
+"""What the pages say without a browser's help."""
+
+import re
+
+import pytest
+from fastapi.testclient import TestClient
+
+from api.app import create_app
+from bella.settings import Settings
+from tests.plotting.synthetic import BURST_ID
+
+HTML = {"Accept": "text/html"}
+
+
+def page(client: TestClient, path: str, status: int = 200) -> str:
+    reply = client.get(path, headers=HTML)
+    assert reply.status_code == status, reply.text
+    assert reply.headers["content-type"].startswith("text/html")
+    return re.sub(r"\s+", " ", reply.text)
+
+
+def test_catalogue_lists_all_bursts(client: TestClient) -> None:
+    text = page(client, "/")
+    assert len(re.findall(r'href="/bursts/T3-[0-9-]+"', text)) == 8
+    assert "8 bursts." in text
+    assert "cut here" not in text
+
+
+def test_a_cut_catalogue_says_so_and_its_next_page_goes_on(client: TestClient) -> None:
+    text = page(client, "/?limit=5&observatory=WIND")
+    assert "Showing 5 of 8 bursts" in text
+    (onward,) = re.findall(r'href="(/\?[^"]+)" rel="next"', text)
+    following = page(client, onward.replace("&amp;", "&"))
+    assert len(re.findall(r'href="/bursts/T3-[0-9-]+"', following)) == 3
+    assert "First page" in following
+    assert 'value="WIND" checked' in following
+
+
+def test_three_kinds_of_nothing_are_told_apart(client: TestClient, empty: Settings) -> None:
+    assert 'id="no-match"' in page(client, "/?start=1999-01-01&stop=1999-02-01")
+    assert 'id="fault"' in page(client, "/?start=yesterday", 422)
+    with TestClient(create_app(empty)) as other:
+        text = page(other, "/")
+        assert 'id="empty-catalogue"' in text
+        assert "bella run" in text
+
+
+def test_a_filter_that_cannot_be_read_stays_in_the_form(client: TestClient) -> None:
+    text = page(client, "/?start=2012-99-99&without_flag=multimodal", 422)
+    assert 'value="2012-99-99"' in text
+    assert "is not a time" in text
+    assert '<option value="multimodal" selected>' in text
+    assert "observatry: is not a parameter" in page(client, "/?observatry=WIND", 422)
+
+
+def test_burst_page_shows_both_fits_and_that_the_edge_decides(client: TestClient) -> None:
+    text = page(client, f"/bursts/{BURST_ID}")
+    assert "30.0 ± 0.8" in text
+    assert "14.0 ± 0.8" in text
+    assert text.count("24.47") == text.count("25.38") == 2
+    assert "decides the track" in text
+    assert "apparent source: no scattering correction" in text
+    assert "speed not constrained (contraction 0.99)" in text
+
+
+def test_burst_page_marks_the_superseded_version(client: TestClient) -> None:
+    text = page(client, f"/bursts/{BURST_ID}")
+    assert text.count(">superseded<") == 1
+    assert text.count(">current<") == 2
+
+
+def test_burst_page_offers_downloads_that_are_there(client: TestClient) -> None:
+    text = page(client, f"/bursts/{BURST_ID}")
+    links = {link.replace("&amp;", "&") for link in re.findall(r'href="(/api/[^"]+)"', text)}
+    assert len(links) >= 6
+    assert {client.get(link).status_code for link in links} == {200}
+    assert len(re.findall(r"xarray\.open_zarr\(&#34;|xarray\.open_zarr\(\"", text)) == 2
+
+
+def test_nothing_on_a_page_comes_from_elsewhere(client: TestClient) -> None:
+    for path in ("/", f"/bursts/{BURST_ID}"):
+        text = page(client, path)
+        sources = re.findall(r'(?:src|href)="([^"]+)"', text)
+        fetched = re.findall(r'<(?:script|img)[^>]+src="([^"]+)"|<link[^>]+href="([^"]+)"', text)
+        assert sources
+        assert all("".join(pair).startswith("/static/") for pair in fetched)
+        assert "<style" not in text
+        assert not re.findall(r"<script(?![^>]*src=)", text)
+        for address in ("".join(pair) for pair in fetched):
+            assert client.get(address).status_code == 200, address
+
+
+def test_drawing_script_is_kept_by_browsers(client: TestClient) -> None:
+    reply = client.get("/static/plotly.min.js")
+    assert "immutable" in reply.headers["cache-control"]
+    assert reply.headers["content-type"].startswith("text/javascript")
+
+
+def test_an_unknown_burst_is_a_page_too(client: TestClient) -> None:
+    assert "T3-19990101-0000" in page(client, "/bursts/T3-19990101-0000", 404)
+
+
+def test_form_fields_have_labels(client: TestClient) -> None:
+    text = page(client, "/")
+    labelled = set(re.findall(r'<label for="([^"]+)"', text))
+    fields = set(re.findall(r'<(?:input|select) id="([^"]+)"', text))
+    assert fields <= labelled
+    assert {"start", "stop", "without_flag"} <= fields
+
+
+@pytest.mark.parametrize("query", ["x=1,2&y=3,4&frequency=0.3", "hidden=gauss_hermite", "t=nonsense"])
+def test_view_state_is_left_to_the_page(client: TestClient, query: str) -> None:
+    assert BURST_ID in page(client, f"/bursts/{BURST_ID}?{query}")
+
+
+def test_api_description_names_every_route_and_parameter(client: TestClient) -> None:
+    described = client.get("/api/v1/openapi.json").json()["paths"]
+    assert {"/api/v1/bursts", "/api/v1/bursts/{burst_id}/track", "/api/v1/arrivals", "/health"} <= set(described)
+    for path, methods in described.items():
+        for method, operation in methods.items():
+            assert operation.get("description") or operation.get("summary"), (path, method)
+            for parameter in operation.get("parameters", []):
+                assert parameter["in"] != "query" or parameter.get("description"), (path, parameter["name"])

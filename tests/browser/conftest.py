@@ -1,0 +1,87 @@
+"""A real server, a real Chromium, and a watch over what the pages ask for and complain about."""
+
+import shutil
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import pytest
+from playwright.sync_api import Browser, Page, sync_playwright
+
+from bella.catalogue import Catalogue
+from tests.api.published import publish_event, publish_many, served, settings_of
+from tests.plotting.synthetic import BURST_ID, FREQUENCIES_MHZ
+
+CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
+ARTIFACTS = Path(__file__).parents[2] / "test-artifacts"
+FLAGS = ["--no-sandbox", "--disable-gpu", "--disable-background-networking"]
+
+
+@dataclass
+class Watch:
+    """A page with everything it asked for and complained about."""
+
+    page: Page
+    address: str
+    requests: list[str] = field(default_factory=list)
+    complaints: list[str] = field(default_factory=list)
+
+    def open(self, path: str) -> Page:
+        """Load a page; the burst page is ready when both figures are drawn."""
+        self.page.goto(self.address + path)
+        if path.startswith("/bursts/"):
+            self.page.wait_for_selector("body[data-drawn='2']")
+            self.page.wait_for_selector("#selected-rows tr")
+        return self.page
+
+    def photograph(self, name: str, **more: Any) -> Path:
+        """Keep a picture of the page as it is."""
+        ARTIFACTS.mkdir(exist_ok=True)
+        path = ARTIFACTS / f"{name}.png"
+        self.page.screenshot(path=path, **more)
+        return path
+
+
+@pytest.fixture(scope="session")
+def address(tmp_path_factory: pytest.TempPathFactory) -> Iterator[str]:
+    """A service over nine bursts, the first one with both tracks at all its frequencies."""
+    settings = settings_of(tmp_path_factory.mktemp("browser"))
+    with Catalogue.open(settings.catalogue_url, create=True) as catalogue:
+        publish_event(settings, catalogue, FREQUENCIES_MHZ)
+        publish_many(settings, catalogue, 8)
+    with served(settings) as base:
+        yield base
+
+
+@pytest.fixture(scope="session")
+def browser() -> Iterator[Browser]:
+    """Chromium of the system; none is downloaded."""
+    if CHROMIUM is None:
+        pytest.skip("no Chromium found: install the package chromium to run the browser tests")
+    with sync_playwright() as playwright:
+        running = playwright.chromium.launch(executable_path=CHROMIUM, args=FLAGS)
+        yield running
+        running.close()
+
+
+@pytest.fixture
+def watch(browser: Browser, address: str, request: pytest.FixtureRequest) -> Iterator[Watch]:
+    """A fresh page; when the test is over it must have asked the loopback only, and complained of nothing."""
+    context = browser.new_context(**{"viewport": {"width": 1280, "height": 800}, **getattr(request, "param", {})})
+    seen = Watch(context.new_page(), address)
+    seen.page.set_default_timeout(20_000)
+    seen.page.on("request", lambda asked: seen.requests.append(asked.url))
+    seen.page.on("console", lambda note: note.type in {"error", "warning"} and seen.complaints.append(note.text))
+    seen.page.on("pageerror", lambda error: seen.complaints.append(str(error)))
+    yield seen
+    context.close()
+    assert seen.requests
+    assert [url for url in seen.requests if not url.startswith((address, "data:", "blob:"))] == []
+    assert seen.complaints == []
+
+
+@pytest.fixture
+def burst_path() -> str:
+    """Path of the burst page."""
+    return f"/bursts/{BURST_ID}"

@@ -1,0 +1,57 @@
+"""The catalogue page filters, pages, and leads to a burst."""
+
+from playwright.sync_api import expect
+
+from tests.browser.conftest import Watch
+from tests.plotting.synthetic import BURST_ID
+
+
+def test_list_of_all_bursts(watch: Watch) -> None:
+    page = watch.open("/")
+    assert page.locator("table.bursts tbody tr").count() == 9
+    expect(page.get_by_role("status")).to_contain_text("9 bursts")
+    watch.photograph("catalogue", full_page=True)
+
+
+def test_filter_is_the_query_of_the_address(watch: Watch) -> None:
+    page = watch.open("/")
+    page.get_by_label("From (UTC)").fill("2012-06-08")
+    page.get_by_label("Before (UTC)").fill("2012-06-11")
+    page.get_by_label("STEREO-B").check()
+    page.get_by_role("button", name="Show bursts").click()
+    expect(page.locator("table.bursts tbody tr")).to_have_count(3)
+    assert "start=2012-06-08" in page.url
+    assert "observatory=STEREO-B" in page.url
+    expect(page.get_by_label("STEREO-B")).to_be_checked()
+    page.get_by_label("PSP").check()
+    page.get_by_role("button", name="Show bursts").click()
+    expect(page.locator("#no-match")).to_be_visible()
+    page.get_by_role("link", name="Clear").click()
+    expect(page.locator("table.bursts tbody tr")).to_have_count(9)
+
+
+def test_keyboard_alone_filters(watch: Watch) -> None:
+    page = watch.open("/")
+    page.get_by_label("Without flag").focus()
+    page.keyboard.type("multimodal")
+    page.keyboard.press("Tab")
+    page.keyboard.press("Enter")
+    expect(page.locator("table.bursts tbody tr")).to_have_count(5)
+    assert "without_flag=multimodal" in page.url
+
+
+def test_pages_follow_one_another(watch: Watch) -> None:
+    page = watch.open("/?limit=4")
+    expect(page.get_by_role("status")).to_contain_text("Showing 4 of 9 bursts")
+    page.get_by_role("link", name="Next page").click()
+    page.get_by_role("link", name="Next page").click()
+    expect(page.locator("table.bursts tbody tr")).to_have_count(1)
+    page.get_by_role("link", name="First page").click()
+    expect(page.locator("table.bursts tbody tr")).to_have_count(4)
+
+
+def test_a_burst_is_one_click_away(watch: Watch) -> None:
+    page = watch.open("/")
+    page.get_by_role("link", name=BURST_ID, exact=True).click()
+    page.wait_for_selector("body[data-drawn='2']")
+    expect(page.get_by_role("heading", level=1)).to_have_text(BURST_ID)
