@@ -1,0 +1,194 @@
+"""docker-compose.yml and the Dockerfiles, as far as they can be held to account without a container engine."""
+
+import importlib
+import os
+import re
+import shutil
+import subprocess
+from importlib.util import find_spec
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+import bella
+from bella.settings import Settings
+from tests.service_processes.compose import FILE, ROOT, VARIABLE, composed, interpolated, services
+from tests.service_processes.postgres import statements_at_first_start
+
+SERVICES = sorted(services())
+OURS = ("prefect", "worker", "api")
+DOCKERFILES = {"flows": ROOT / "flows" / "Dockerfile", "api": ROOT / "api" / "Dockerfile"}
+FIELDS = {f"BELLA_{name.upper()}" for name in Settings.model_fields}
+PASSWORD = {"BELLA_DB_PASSWORD": "aPasswordOfATest"}
+
+
+def client() -> list[str]:
+    """A compose client: of both kinds, the one that is here."""
+    for command in (["docker", "compose"], ["docker-compose"]):
+        version = [*command, "version"]
+        if shutil.which(command[0]) and not subprocess.run(version, capture_output=True, check=False).returncode:
+            return command
+    pytest.skip("neither `docker compose` nor docker-compose is installed")
+
+
+def config(**variables: str) -> "subprocess.CompletedProcess[str]":
+    environment = {name: value for name, value in os.environ.items() if not name.startswith("BELLA_")} | variables
+    command = [*client(), "--file", str(FILE), "config"]
+    return subprocess.run(command, env=environment, cwd="/", capture_output=True, text=True, check=False)
+
+
+def stages(dockerfile: Path) -> list[list[str]]:
+    """Instructions of each stage; comments are left out, continued lines joined."""
+    text = re.sub(r"^#.*\n", "", dockerfile.read_text(encoding="utf-8"), flags=re.MULTILINE)
+    lines = [line for line in re.sub(r"\s*\\\n\s*", " ", text).splitlines() if line]
+    starts = [row for row, line in enumerate(lines) if line.startswith("FROM ")]
+    return [lines[start:stop] for start, stop in zip(starts, [*starts[1:], len(lines)], strict=True)]
+
+
+def test_client_accepts_the_file() -> None:
+    checked = config(**PASSWORD)
+    assert checked.returncode == 0, checked.stderr
+
+
+def test_client_asks_for_the_password() -> None:
+    refused = config()
+    assert refused.returncode != 0
+    assert "set it in .env" in refused.stderr
+
+
+@pytest.mark.parametrize("name", SERVICES)
+def test_service_comes_back_and_says_how_it_is(name: str) -> None:
+    service = services()[name]
+    assert service["restart"] == "unless-stopped"
+    assert service["healthcheck"]["test"][0] == "CMD"
+    assert {"interval", "timeout", "retries", "start_period"} <= set(service["healthcheck"])
+
+
+@pytest.mark.parametrize("name", SERVICES)
+def test_service_may_do_no_more_than_it_needs(name: str) -> None:
+    service = services()[name]
+    assert str(service["user"]).split(":")[0] not in {"root", "0"}
+    assert service["read_only"] is True
+    assert "/tmp" in service["tmpfs"]
+    assert service["cap_drop"] == ["ALL"]
+    assert "no-new-privileges:true" in service["security_opt"]
+    assert "privileged" not in service
+
+
+@pytest.mark.parametrize("name", SERVICES)
+def test_image_has_a_tag_that_stays(name: str) -> None:
+    image, _, tag = services()[name]["image"].rpartition(":")
+    assert re.fullmatch(r"[\d.]+(-\w+)?", tag), f"{image}: {tag!r}"
+    if name in OURS:
+        assert tag == bella.__version__
+
+
+@pytest.mark.parametrize("name", SERVICES)
+def test_service_waits_until_what_it_needs_is_healthy(name: str) -> None:
+    needed: dict[str, Any] = services()[name].get("depends_on", {})
+    assert set(needed) <= set(services())
+    assert all(rule == {"condition": "service_healthy"} for rule in needed.values())
+    assert (name == "database") == (needed == {})
+
+
+def test_commands_can_be_run() -> None:
+    for name in ("prefect", "worker"):
+        python, minus_m, module, *_ = services()[name]["command"]
+        assert (python, minus_m) == ("python", "-m")
+        assert find_spec(module) is not None
+    uvicorn, target, *options = services()["api"]["command"]
+    module, _, factory = target.partition(":")
+    assert uvicorn == "uvicorn"
+    assert "--factory" in options
+    assert callable(getattr(importlib.import_module(module), factory))
+
+
+@pytest.mark.parametrize("name", ["worker", "api"])
+def test_every_setting_is_passed_on_and_nothing_else(name: str) -> None:
+    given = {variable for variable in services()[name]["environment"] if variable.startswith("BELLA_")}
+    assert given == FIELDS
+
+
+def test_worker_and_api_read_the_same_settings() -> None:
+    worker, api = (services()[name]["environment"] for name in ("worker", "api"))
+    assert {name: worker[name] for name in FIELDS} == {name: api[name] for name in FIELDS}
+
+
+def test_api_may_change_the_incoming_tables_only() -> None:
+    mounts = dict(mount.split(":", 1) for mount in services()["api"]["volumes"])
+    assert mounts == {"home": "/var/lib/bella:ro", "incoming": f"/var/lib/bella/{Settings().incoming_root.name}"}
+    assert set(composed()["volumes"]) == {"database", *mounts}
+
+
+def test_api_listens_on_this_machine_only_unless_told_otherwise() -> None:
+    published = {name: service["ports"] for name, service in services().items() if "ports" in service}
+    assert list(published) == ["api"]
+    assert [interpolated(port, {}) for port in published["api"]] == ["127.0.0.1:8000:8000"]
+    assert composed()["networks"]["inside"] == {"internal": True}
+    assert [name for name in SERVICES if services()[name]["networks"] != ["inside"]] == ["api"]
+
+
+def test_nothing_calls_home() -> None:
+    for name in OURS:
+        assert services()[name]["environment"]["DO_NOT_TRACK"] == "1"
+    for name in ("prefect", "worker"):
+        assert services()[name]["environment"]["PREFECT_SERVER_ANALYTICS_ENABLED"] == "false"
+
+
+def test_prefect_keeps_its_tables_in_a_database_that_is_made_at_first_start() -> None:
+    url = services()["prefect"]["environment"]["PREFECT_API_DATABASE_CONNECTION_URL"]
+    assert url.startswith("postgresql+asyncpg://")
+    assert statements_at_first_start() == [f"CREATE DATABASE {url.rsplit('/', 1)[1]}"]
+    assert find_spec("asyncpg") is not None
+
+
+def test_no_secret_stands_in_the_file() -> None:
+    text = FILE.read_text(encoding="utf-8")
+    assert re.findall(r"://\w+:(?!\$\{BELLA_DB_PASSWORD:\?)[^/]*@", text) == []
+    assert services()["database"]["environment"]["POSTGRES_PASSWORD"].startswith("${BELLA_DB_PASSWORD:?")
+
+
+def test_example_of_env_names_every_variable_with_its_default() -> None:
+    text = (ROOT / ".env.example").read_text(encoding="utf-8")
+    named = dict(re.findall(r"^(?:# )?(BELLA_\w+)=(.*)$", text, flags=re.MULTILINE))
+    left_open = {name for name, value in services()["worker"]["environment"].items() if value is None}
+    filled_in = {match["name"]: match["word"] for match in VARIABLE.finditer(FILE.read_text(encoding="utf-8"))}
+    assert set(named) == left_open | set(filled_in)
+    for name in left_open:
+        assert float(named[name]) == Settings.model_fields[name.removeprefix("BELLA_").lower()].default
+    assert named["BELLA_DB_PASSWORD"] == ""
+    assert {named[name] for name in filled_in if name != "BELLA_DB_PASSWORD"} == {"127.0.0.1", "8000"}
+
+
+@pytest.mark.parametrize("room", DOCKERFILES)
+def test_dockerfile_installs_the_lock_and_ends_as_an_ordinary_user(room: str) -> None:
+    build, final = stages(DOCKERFILES[room])
+    assert re.fullmatch(r"FROM python:3\.\d+-slim-\w+ AS build", build[0])
+    assert f"{final[0]} AS build" == build[0]
+    assert any("--require-hashes" in line and "runtime.txt" in line for line in build)
+    users = [line.split()[1] for line in final if line.startswith("USER ")]
+    assert users == [services()["worker"]["user"]] == [services()["api"]["user"]]
+    assert "http" not in " ".join([*build, *final])
+
+
+def test_both_dockerfiles_build_in_the_same_way() -> None:
+    (flows, _), (api, _) = (stages(path) for path in DOCKERFILES.values())
+    assert flows == api
+
+
+@pytest.mark.parametrize("room", DOCKERFILES)
+def test_what_is_copied_exists_and_is_not_ignored(room: str) -> None:
+    lines = (ROOT / ".dockerignore").read_text(encoding="utf-8").splitlines()
+    let_in = {line.removeprefix("!") for line in lines if line.startswith("!")}
+    copies = [line.split()[1:-1] for line in stages(DOCKERFILES[room])[0] if line.startswith("COPY ")]
+    copied = {source for sources in copies for source in sources}
+    assert copied == let_in
+    assert "*" in lines
+    assert [source for source in copied if not (ROOT / source).exists()] == []
+
+
+def test_images_run_what_compose_runs() -> None:
+    for room, name in (("flows", "worker"), ("api", "api")):
+        command = next(line for line in stages(DOCKERFILES[room])[1] if line.startswith("CMD "))
+        assert re.findall(r'"([^"]*)"', command) == [str(word) for word in services()[name]["command"]]
