@@ -1,0 +1,1 @@
+"""What README claims about speed, measured: ``make bench``."""

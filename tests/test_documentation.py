@@ -1,0 +1,91 @@
+"""Documents that can fail: what they list is what the code has."""
+
+import re
+from pathlib import Path
+from typing import Any
+
+import pytest
+import yaml
+
+import bella
+from api.app import create_app
+from bella.flags import LOCALISATION_FLAGS, TRACK_FLAGS
+from bella.settings import Settings
+from tests.service_processes.compose import ROOT, VARIABLE, composed, services
+
+DOCUMENTS = sorted([*ROOT.glob("*.md"), *(ROOT / "docs").glob("*.md")])
+OPERATIONS = ROOT / "docs" / "operations.md"
+LINES_OF_A_SCREEN = 50
+
+
+def rows(path: Path) -> dict[str, list[str]]:
+    """Rows of the tables of a document whose first cell is a name in code type, by that name."""
+    found = re.findall(r"^\| `(\w+)` \| (.*) \|$", path.read_text(encoding="utf-8"), flags=re.MULTILINE)
+    assert len({name for name, _ in found}) == len(found)
+    return {name: cells.split(" | ") for name, cells in found}
+
+
+def named(prefix: str) -> dict[str, list[str]]:
+    return {name: cells for name, cells in rows(OPERATIONS).items() if name.startswith(prefix)}
+
+
+def test_every_setting_stands_in_the_table_of_the_operator() -> None:
+    of_compose = {match["name"] for match in VARIABLE.finditer((ROOT / "docker-compose.yml").read_text())}
+    assert set(named("BELLA_")) == {f"BELLA_{name.upper()}" for name in Settings.model_fields} | of_compose
+
+
+@pytest.mark.parametrize("name", Settings.model_fields)
+def test_table_of_the_operator_has_default_and_meaning_of_a_setting(name: str) -> None:
+    field = Settings.model_fields[name]
+    default, meaning = named("BELLA_")[f"BELLA_{name.upper()}"]
+    assert default == ("none" if field.default is None else f"`{field.default}`")
+    first_words = " ".join(str(field.description).split()[:4]).rstrip(".;,")
+    assert meaning.startswith(first_words)
+
+
+def test_every_service_and_volume_is_described() -> None:
+    described = rows(OPERATIONS)
+    assert set(services()) <= set(described)
+    for volume in composed()["volumes"]:
+        assert any(f"`{volume}`" in cells[-1] for cells in described.values()), volume
+
+
+def test_every_flag_is_explained_in_the_room_it_belongs_to() -> None:
+    per_frequency, per_solution = (ROOT / "docs" / "quality-flags.md").read_text(encoding="utf-8").split("## Track fit")
+    for flags, text in ((LOCALISATION_FLAGS, per_frequency), (TRACK_FLAGS, per_solution)):
+        assert set(re.findall(r"^\| `(\w+)` \|", text, flags=re.MULTILINE)) == set(flags)
+
+
+def test_every_route_stands_in_the_page_about_the_api() -> None:
+    described = re.findall(r"^\| `(/[^`]+)` \| (.+) \|$", (ROOT / "docs" / "api.md").read_text(), flags=re.MULTILINE)
+    routes = create_app(Settings()).openapi()["paths"]
+    assert {route for route, _ in described} == set(routes)
+    for route, text in described:
+        if "post" in routes[route]:
+            assert "`POST`" in text
+
+
+@pytest.mark.parametrize("document", DOCUMENTS, ids=lambda path: str(path.relative_to(ROOT)))
+def test_links_lead_somewhere(document: Path) -> None:
+    links = re.findall(r"\]\(([^)#]+)[^)]*\)", document.read_text(encoding="utf-8"))
+    local = [link for link in links if "://" not in link]
+    assert [link for link in local if not (document.parent / link).exists()] == []
+
+
+def test_changelog_has_this_version() -> None:
+    versions = re.findall(r"^## \[(.+?)\]", (ROOT / "CHANGELOG.md").read_text(encoding="utf-8"), flags=re.MULTILINE)
+    assert versions[0] == "Unreleased"
+    assert bella.__version__ in versions
+
+
+def test_citation_names_this_version_and_the_paper() -> None:
+    citation: dict[str, Any] = yaml.safe_load((ROOT / "CITATION.cff").read_text(encoding="utf-8"))
+    assert citation["version"] == bella.__version__
+    paper = citation["preferred-citation"]
+    assert paper["doi"] == "10.1051/0004-6361/202347747"
+    family = [author["family-names"] for author in paper["authors"]]
+    assert family == ["Cañizares", "Badman", "Maloney", "Owens", "Weigt", "Carley", "Gallagher"]
+
+
+def test_contributing_fits_a_screen() -> None:
+    assert len((ROOT / "CONTRIBUTING.md").read_text(encoding="utf-8").splitlines()) <= LINES_OF_A_SCREEN
