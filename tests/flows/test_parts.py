@@ -134,7 +134,7 @@ def test_environment_keeps_what_an_operator_has_set(tmp_path: Path, monkeypatch:
         monkeypatch.delenv(name)
     for name in ("PREFECT_SERVER_ANALYTICS_ENABLED", "PREFECT_LOGGING_LEVEL", "PREFECT_LOGGING_TO_API_ENABLED"):
         monkeypatch.setenv(name, "kept")
-    for name in ("PREFECT_CLI_PROMPT", "XDG_CONFIG_HOME"):
+    for name in ("PREFECT_CLI_PROMPT", "PREFECT_INTERNAL_LOGGING_LEVEL", "XDG_CONFIG_HOME"):
         monkeypatch.setenv(name, "kept")
     environment.prepare(Settings(home=tmp_path / "home"))
     import os

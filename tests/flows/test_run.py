@@ -6,6 +6,7 @@ import os
 import sqlite3
 import struct
 import subprocess
+import sys
 from contextlib import closing
 from pathlib import Path
 from subprocess import CompletedProcess
@@ -204,3 +205,21 @@ def test_catalogue_and_status_tell_of_the_run(first_run: FirstRun) -> None:
     unknown = sandbox.bella("catalogue", "show", "T3-19990101-0000", code=1)
     assert unknown.stderr.startswith("bella: ")
     assert unknown.stderr.count("\n") == 1
+
+
+COMPLAINT = """
+from bella.settings import Settings
+from flows.environment import prepare
+
+prepare(Settings())
+import logging
+import prefect
+
+prefect.get_client
+logging.getLogger("prefect._internal.concurrency").error("an event was cut short")
+"""
+
+
+def test_what_prefect_says_to_itself_stays_unsaid(sandbox: Sandbox) -> None:
+    done = sandbox.run(sys.executable, "-c", COMPLAINT)
+    assert done.stderr == ""
