@@ -4,10 +4,15 @@ One table holds one burst with one definition of the edge: one row per spacecraf
 the edge arrived and its timing error. As a file it is a CSV with the columns ``observatory, frequency_mhz,
 arrival_utc, sigma_s, edge, flag`` and, for observatories the ephemeris does not know, ``x_rsun, y_rsun, z_rsun``
 (HEE). Lines that begin with ``#`` are comments.
+
+Three more columns say what is known of errors that ``sigma_s`` does not hold: ``delay_s`` and ``delay_sd_s``, by how
+much the edge was late beyond light travel (scattering) and how well that is known, row by row; and ``offset_sd_s``, the
+size of the timing offset that all channels of an observatory share (sample grid, clock).
 """
 
 import io
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -16,13 +21,14 @@ import pandas as pd
 
 from bella.exceptions import InputError
 from bella.spacecraft import position_hee
-from bella.units import AU_RSUN, FloatArray
+from bella.units import AU_RSUN, DAY_S, FloatArray
 
 IntArray = npt.NDArray[np.intp]
 
 REQUIRED = ("observatory", "frequency_mhz", "arrival_utc", "sigma_s", "edge")
-OPTIONAL = ("flag", "x_rsun", "y_rsun", "z_rsun")
 POSITION = ("x_rsun", "y_rsun", "z_rsun")
+NUISANCE = ("delay_s", "delay_sd_s", "offset_sd_s")
+OPTIONAL = ("flag", *POSITION, *NUISANCE)
 MIN_OBSERVATORIES = 3
 MAX_ROWS = 100_000
 SPACE_AGE = (1957, 2200)
@@ -45,6 +51,10 @@ class ArrivalGrid:
         Arrival time after `reference_utc` and its standard deviation; NaN where an observatory has no row.
     receiver_rsun : ndarray, shape (F, n, 3)
         HEE position of the receiver at its arrival time, solar radii; NaN where there is no row.
+    delay_s, delay_sd_s : ndarray, shape (F, n)
+        Delay beyond light travel, and its standard deviation.
+    offset_sd_s : ndarray, shape (F, n)
+        Standard deviation of the timing offset that a receiver has at all frequencies; one value per column.
     reference_utc : numpy.datetime64
         Also the epoch of the HEE axes.
     edge : str
@@ -57,18 +67,18 @@ class ArrivalGrid:
     receiver_rsun: FloatArray
     reference_utc: np.datetime64
     edge: str
+    delay_s: FloatArray = field(default_factory=partial(np.zeros, ()))
+    delay_sd_s: FloatArray = field(default_factory=partial(np.zeros, ()))
+    offset_sd_s: FloatArray = field(default_factory=partial(np.zeros, ()))
+
+    def __post_init__(self) -> None:
+        for name in NUISANCE:
+            object.__setattr__(self, name, np.broadcast_to(getattr(self, name), self.arrival_s.shape))
 
     def take(self, rows: npt.NDArray[np.bool_] | npt.NDArray[np.intp]) -> "ArrivalGrid":
         """Keep the named frequencies only."""
-        return ArrivalGrid(
-            self.frequency_mhz[rows],
-            self.observatories,
-            self.arrival_s[rows],
-            self.sigma_s[rows],
-            self.receiver_rsun[rows],
-            self.reference_utc,
-            self.edge,
-        )
+        per_frequency = ("frequency_mhz", "arrival_s", "sigma_s", "receiver_rsun", *NUISANCE)
+        return replace(self, **{name: getattr(self, name)[rows] for name in per_frequency})
 
 
 def read_arrivals(path: Path) -> pd.DataFrame:
@@ -139,7 +149,7 @@ def check_arrivals(frame: pd.DataFrame, *, source: str = "arrival table") -> pd.
     -------
     pandas.DataFrame
         Columns `REQUIRED` + `OPTIONAL`, rows in the order given; ``arrival_utc`` is datetime64[ns] in UTC, positions
-        are NaN where the table has none.
+        are NaN and delays and offsets 0 where the table has none.
 
     Raises
     ------
@@ -156,10 +166,11 @@ def check_arrivals(frame: pd.DataFrame, *, source: str = "arrival table") -> pd.
             "observatory": _text(frame, "observatory", source),
             "frequency_mhz": _number(frame, "frequency_mhz", source, low=0.001, high=1000.0),
             "arrival_utc": _time(frame, source),
-            "sigma_s": _number(frame, "sigma_s", source, low=0.0, high=86_400.0),
+            "sigma_s": _number(frame, "sigma_s", source, low=0.0, high=DAY_S),
             "edge": _text(frame, "edge", source),
             "flag": _flag(frame),
             **_positions(frame, source),
+            **{name: _nuisance(frame, name, source) for name in NUISANCE},
         }
     )
     _check_rows_agree(table, source)
@@ -179,7 +190,7 @@ def write_arrivals(frame: pd.DataFrame, path: Path) -> None:
 
 
 def arrivals_csv(frame: pd.DataFrame) -> str:
-    """Text of the CSV form of an arrival table; empty position columns are left out.
+    """Text of the CSV form of an arrival table; columns of positions, delays and offsets that are empty are left out.
 
     Parameters
     ----------
@@ -192,8 +203,9 @@ def arrivals_csv(frame: pd.DataFrame) -> str:
     """
     stamps = np.datetime_as_string(frame["arrival_utc"].to_numpy("datetime64[ms]"))
     table = frame.assign(arrival_utc=[f"{stamp}Z" for stamp in stamps])
-    without = [name for name in POSITION if table[name].isna().all()]
-    return table.drop(columns=without).to_csv(index=False, float_format="%.10g", lineterminator="\n")
+    unplaced = [name for name in POSITION if table[name].isna().all()]
+    unneeded = [name for name in NUISANCE if not table[name].any()]
+    return table.drop(columns=unplaced + unneeded).to_csv(index=False, float_format="%.10g", lineterminator="\n")
 
 
 def locate_receivers(frame: pd.DataFrame, *, source: str = "arrival table") -> pd.DataFrame:
@@ -275,6 +287,7 @@ def arrival_grid(frame: pd.DataFrame, *, source: str = "arrival table") -> Arriv
         _spread(frame[list(POSITION)].to_numpy(), row, column, names),
         epoch,
         str(frame["edge"].iloc[0]),
+        **{name: np.nan_to_num(_spread(frame[name].to_numpy(), row, column, names)) for name in NUISANCE},
     )
     enough = np.isfinite(grid.arrival_s).sum(axis=1) >= MIN_OBSERVATORIES
     if not enough.any():
@@ -354,6 +367,18 @@ def _coordinate(frame: pd.DataFrame, name: str, source: str, empty: npt.NDArray[
     return values
 
 
+def _nuisance(frame: pd.DataFrame, name: str, source: str) -> FloatArray:
+    """Values of a column that may be absent or have empty fields, which stand for 0."""
+    if name not in frame:
+        return np.zeros(len(frame))
+    empty = (frame[name].isna() | (frame[name].astype(str).str.strip() == "")).to_numpy()
+    values = np.where(empty, 0.0, pd.to_numeric(frame[name], errors="coerce").to_numpy(dtype=np.float64))
+    low = -DAY_S if name == "delay_s" else 0.0
+    wrong = ~((values >= low) & (values <= DAY_S))
+    _reject(wrong, frame, name, source, f"is not a number between {low:g} and {DAY_S:g}")
+    return values
+
+
 def _check_rows_agree(table: pd.DataFrame, source: str) -> None:
     twice = table.duplicated(["observatory", "frequency_mhz"]).to_numpy()
     _reject(twice, table, "frequency_mhz", source, "occurs twice for this observatory; keep one row per channel")
@@ -362,6 +387,9 @@ def _check_rows_agree(table: pd.DataFrame, source: str) -> None:
     _reject(
         mixed, table, "edge", source, f"differs from {first!r} in row 1; one table holds one definition of the edge"
     )
+    shared = table.groupby("observatory")["offset_sd_s"].transform("first")
+    unequal = (table["offset_sd_s"] != shared).to_numpy()
+    _reject(unequal, table, "offset_sd_s", source, "differs between rows of one observatory; all its channels share it")
     heard_by = sorted(set(table["observatory"]))
     if len(heard_by) < MIN_OBSERVATORIES:
         raise InputError(
