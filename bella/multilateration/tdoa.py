@@ -1,0 +1,289 @@
+r"""Where a source was, from differences of arrival times of a signal that travels at c: closed form, or least squares.
+
+With p0 a reference receiver, q_i = p_i - p0, d_i = c (y_i - y_0), rho = \|s - p0\| and D + 1 receivers,
+
+    2 q_i . (s - p0) = |q_i|^2 - d_i^2 - 2 rho d_i      =>      s = p0 + a + g rho,
+    (g.g - 1) rho^2 + 2 a.g rho + a.a + z0^2 = 0,
+
+linear in s given rho, and a quadratic for rho (Badman et al. 2022, ApJ 938:95, doi:10.3847/1538-4357/ac90c2;
+Schau & Robinson 1987, IEEE Trans. ASSP-35:1223). A source in the plane z = 0 has only the first two components of a
+and g, and z0 is the height of the reference receiver. The other root is an alias when rho <= 0 or rho + d_i < 0: it
+solves the squared equations with a distance that would be negative. With more receivers the same, by weighted linear
+least squares, is where :mod:`bella.multilateration.tdoa_fit` starts.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+from scipy.special import chdtrc
+
+from bella.exceptions import GeometryError
+from bella.multilateration.tdoa_error import emission, information, inverse, is_singular, limited_inverse
+from bella.multilateration.tdoa_fit import (
+    SEARCH_RSUN,
+    BoolArray,
+    IntArray,
+    Timing,
+    coarse_start,
+    descend,
+    misfit,
+    reject_rows,
+    timing_of,
+)
+from bella.units import C_RSUN_S, FloatArray
+
+IMPROBABLE = 1e-4
+"""Arrival times with errors as stated exceed the largest consistent misfit this often at most."""
+ON_ONE_LINE = 1e-6
+"""Receivers that depart from one line (3D: plane) by less than this part of their spread cannot tell its two sides:
+no ephemeris is better."""
+ROUNDING = 1e-12
+"""A discriminant this far below 0, in parts of its terms, is 0."""
+APART_RSUN = 0.1
+"""Two answers farther apart than this are two."""
+
+NO_ROOT = "no root is a source: the delays do not fit these receivers"
+ONE_ROOT = "the other root is an alias: one of its distances is not positive"
+NEARER = "both roots explain the delays: the one nearer the Sun"
+
+
+@dataclass(frozen=True)
+class Roots:
+    """Both solutions of the closed form.
+
+    Attributes
+    ----------
+    points : ndarray, shape (B, 2, D)
+        Solar radii. Where a root is not real, the point of its real part; where it is infinite, that of rho = 0.
+    rho : ndarray, shape (B, 2)
+        Distance from the reference receiver, solar radii; the larger root first.
+    real, positive, ordered : ndarray of bool, shape (B, 2)
+        Whether the root is real and finite, has rho > 0, and gives every receiver a distance that is not negative,
+        so that the delays have their sign.
+    chosen : ndarray of int, shape (B,)
+        Which root is the source, 0 or 1; -1 where none is.
+    reason : ndarray of str, shape (B,)
+        Why: `NO_ROOT`, `ONE_ROOT` or `NEARER`.
+    """
+
+    points: FloatArray
+    rho: FloatArray
+    real: BoolArray
+    positive: BoolArray
+    ordered: BoolArray
+    chosen: IntArray
+    reason: npt.NDArray[np.str_]
+
+    @property
+    def valid(self) -> BoolArray:
+        """Which roots are possible sources, shape (B, 2)."""
+        return self.real & self.positive & self.ordered
+
+    @property
+    def two_roots(self) -> BoolArray:
+        """Where both are, shape (B,)."""
+        return np.asarray(self.valid.all(axis=1))
+
+
+@dataclass(frozen=True)
+class TdoaSolution:
+    """Position and emission time of a batch of sources; every number is finite.
+
+    Attributes
+    ----------
+    position : ndarray, shape (B, D)
+        Solar radii.
+    covariance : ndarray, shape (B, D, D)
+        Square solar radii. Linear in the timing errors: it knows of no second root and no bend. Where `inconsistent`
+        or `singular` it is limited by the search region.
+    emission_s, emission_sd_s : ndarray, shape (B,)
+        On the clock of the arrival times, s.
+    misfit : ndarray, shape (B,)
+        Chi-squared at `position`.
+    two_roots : ndarray of bool, shape (B,)
+        Another position explains the arrival times as well.
+    inconsistent : ndarray of bool, shape (B,)
+        No position explains the arrival times: with D + 1 receivers there is no root, with more the misfit is
+        improbable. The position is that of least misfit within the search region.
+    singular : ndarray of bool, shape (B,)
+        The arrival times do not fix the position to first order.
+    """
+
+    position: FloatArray
+    covariance: FloatArray
+    emission_s: FloatArray
+    emission_sd_s: FloatArray
+    misfit: FloatArray
+    two_roots: BoolArray
+    inconsistent: BoolArray
+    singular: BoolArray
+
+
+def closed_form(receivers: FloatArray, arrival_s: FloatArray) -> Roots:
+    """Both roots of the closed form for D + 1 receivers, the first of them the reference.
+
+    Parameters
+    ----------
+    receivers : ndarray, shape (B, n, 3)
+        Solar radii; n = 3 puts the source in the plane z = 0, n = 4 in space.
+    arrival_s : ndarray, shape (B, n)
+        Arrival times, s.
+
+    Returns
+    -------
+    Roots
+
+    Raises
+    ------
+    InputError
+        If n is neither 3 nor 4, or names the row that is not usable.
+    GeometryError
+        If the receivers lie on one line (n = 4: in one plane).
+    """
+    arrival_s = np.asarray(arrival_s, dtype=np.float64)
+    dimensions = arrival_s.shape[-1] - 1
+    timing = timing_of(receivers, arrival_s, np.ones_like(arrival_s), dimensions)
+    _check_spread(timing, dimensions)
+    return _roots(timing, np.zeros(len(arrival_s), dtype=np.intp), dimensions)
+
+
+def solve(receivers: FloatArray, arrival_s: FloatArray, sigma_s: FloatArray, dimensions: int) -> TdoaSolution:
+    """Locate a batch of sources: closed form for D + 1 receivers, least squares for more or where it has no root.
+
+    Parameters
+    ----------
+    receivers : ndarray, shape (B, n, 3)
+        Solar radii.
+    arrival_s : ndarray, shape (B, n)
+        Arrival times, s; NaN marks a receiver that did not hear it.
+    sigma_s : ndarray, shape (B, n)
+        Standard deviations, s.
+    dimensions : int
+        2: the source is in the plane z = 0; 3: anywhere.
+
+    Returns
+    -------
+    TdoaSolution
+
+    Raises
+    ------
+    InputError
+        If shapes do not agree, or names the row (from 0) that fewer than D + 1 receivers heard or that is not usable.
+    GeometryError
+        If the receivers of a row lie on one line (3D: in one plane), or its numbers are beyond all use.
+    """
+    with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
+        timing = timing_of(receivers, arrival_s, sigma_s, dimensions)
+        _check_spread(timing, dimensions)
+        return _checked(_solved(timing, dimensions))
+
+
+def _check_spread(timing: Timing, dimensions: int) -> None:
+    """Refuse receivers whose mirror image in a line or plane is themselves: every source then has a twin."""
+    present = timing.present[..., None]
+    within = timing.receivers[..., :dimensions]
+    centre = within.sum(axis=1, keepdims=True) / present.sum(axis=1, keepdims=True)
+    spread = np.linalg.svd(np.where(present, within - centre, 0.0), compute_uv=False)
+    shape = "on one line" if dimensions == 2 else "in one plane"
+    reason = f"has receivers {shape}, which cannot tell its two sides; use the method posterior"
+    reject_rows(np.less_equal(spread[:, -1], ON_ONE_LINE * spread[:, 0]), reason, GeometryError)
+
+
+def _roots(timing: Timing, reference: IntArray, dimensions: int) -> Roots:
+    """Solve the module's equations; by weighted linear least squares where there are more than D + 1 receivers."""
+    row = np.arange(len(reference))
+    p0 = timing.receivers[row, reference]
+    d = C_RSUN_S * (timing.delay_s - timing.delay_s[row, reference][:, None])
+    q = timing.receivers - p0[:, None, :]
+    height = -p0[:, dimensions:]
+    known = 0.5 * ((q**2).sum(axis=2) - d**2) - np.einsum("bnk,bk->bn", q[..., dimensions:], height)
+    weight = np.sqrt(timing.share)
+    solver = np.linalg.pinv(weight[..., None] * q[..., :dimensions])
+    a = (solver @ (weight * known)[..., None])[..., 0]
+    g = -(solver @ (weight * d)[..., None])[..., 0]
+    rho, real = _quadratic((g * g).sum(axis=1) - 1, (a * g).sum(axis=1), (a * a).sum(axis=1) + (height**2).sum(axis=1))
+    within_reach = np.where(np.isfinite(rho), rho, 0.0)
+    points = (p0[:, :dimensions] + a)[:, None, :] + g[:, None, :] * within_reach[..., None]
+    distance = rho[..., None] + np.where(timing.present, d, 0.0)[:, None, :]
+    return _chosen(points, rho, real, np.asarray((distance >= 0).all(axis=2)))
+
+
+def _quadratic(A: FloatArray, B: FloatArray, C: FloatArray) -> tuple[FloatArray, BoolArray]:
+    """Roots of A x^2 + 2 B x + C, larger first, and which are real and finite; else the real part is given."""
+    discriminant = B**2 - A * C
+    real = discriminant >= -ROUNDING * (B**2 + np.abs(A * C))
+    # adding numbers of one sign, and the product of the roots for the other: no cancellation where A is near 0
+    far = -(B + np.copysign(np.sqrt(np.maximum(discriminant, 0)), B))
+    with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
+        roots = np.sort(np.where(real, [far / A, C / far], -B / A), axis=0)[::-1].T
+    return roots, real[:, None] & np.isfinite(roots)
+
+
+def _chosen(points: FloatArray, rho: FloatArray, real: BoolArray, ordered: BoolArray) -> Roots:
+    positive = rho > 0
+    valid = real & positive & ordered
+    radius = np.where(valid, np.linalg.norm(points, axis=2), np.inf)
+    count = valid.sum(axis=1)
+    return Roots(
+        points,
+        rho,
+        real,
+        positive,
+        ordered,
+        chosen=np.where(count > 0, radius.argmin(axis=1), -1),
+        reason=np.array([NO_ROOT, ONE_ROOT, NEARER])[count],
+    )
+
+
+def _solved(timing: Timing, dimensions: int) -> TdoaSolution:
+    # the receiver that heard it first: a reference that does not depend on the order in which they are listed
+    first = np.where(timing.present, timing.delay_s, np.inf).argmin(axis=1)
+    roots = _roots(timing, first, dimensions)
+    exact = timing.present.sum(axis=1) == dimensions + 1
+    settled = exact & (roots.chosen >= 0)
+    position = roots.points[np.arange(len(first)), roots.chosen]
+    two_roots = settled & roots.two_roots
+    rest = np.flatnonzero(~settled)
+    position[rest], two_roots[rest] = _searched(timing.take(rest), roots.points[rest])
+    value = misfit(timing, position)
+    inconsistent = np.asarray(np.where(exact, ~settled, _improbable(timing, value)))
+    return _with_errors(timing, position, value, two_roots, inconsistent)
+
+
+def _searched(timing: Timing, guesses: FloatArray) -> tuple[FloatArray, BoolArray]:
+    """Position of least misfit, and whether there is another that is not improbable."""
+    starts = [coarse_start(timing, guesses.shape[2]), guesses[:, 0], guesses[:, 1]]
+    ends = np.stack([descend(timing, start) for start in starts])
+    values = np.stack([misfit(timing, end) for end in ends])
+    best = ends[values.argmin(axis=0), np.arange(len(guesses))]
+    apart = np.linalg.norm(ends - best, axis=2) > APART_RSUN
+    return best, (apart & ~_improbable(timing, values)).any(axis=0)
+
+
+def _improbable(timing: Timing, value: FloatArray) -> BoolArray:
+    return np.asarray(chdtrc(timing.present.sum(axis=1) - 1, value) < IMPROBABLE)
+
+
+def _with_errors(
+    timing: Timing, position: FloatArray, value: FloatArray, two_roots: BoolArray, inconsistent: BoolArray
+) -> TdoaSolution:
+    normal = information(timing, position)
+    singular = is_singular(normal)
+    limited = singular | inconsistent
+    covariance = np.empty_like(normal)
+    covariance[~limited] = inverse(normal[~limited])
+    covariance[limited] = limited_inverse(normal[limited], SEARCH_RSUN)
+    emitted = emission(timing, position, covariance)
+    return TdoaSolution(position, covariance, emitted.time_s, emitted.sd_s, value, two_roots, inconsistent, singular)
+
+
+def _checked(solution: TdoaSolution) -> TdoaSolution:
+    numbers = (solution.position, solution.covariance, solution.emission_s, solution.emission_sd_s, solution.misfit)
+    lost = [~np.isfinite(values).all(axis=tuple(range(1, values.ndim))) for values in numbers]
+    reject_rows(
+        np.any(lost, axis=0),
+        "has numbers beyond what can be computed; check its times, positions and sigma_s",
+        GeometryError,
+    )
+    return solution
