@@ -6,11 +6,21 @@ NOT_CONSTRAINED = 0.9
 LOCALISATION_FLAGS = {
     "speed_not_constrained": "The posterior of the propagation speed is wider than 0.9 of its prior: the timing says "
     "nothing about it. Always so with three receivers, where any speed fits.",
+    "speed_above_c": "The arrival times prefer a speed above that of light (probability above 0.95): unphysical, so a "
+    "position, a time or an error is wrong.",
+    "x_not_constrained": "Along x the position is wider than 0.9 of its prior: there the answer is the prior.",
+    "y_not_constrained": "Along y the position is wider than 0.9 of its prior: there the answer is the prior.",
+    "z_not_constrained": "Along z, out of the ecliptic plane, the position is wider than 0.9 of its prior: there the "
+    "answer is the prior.",
     "position_not_constrained": "Along some direction the position is wider than 0.9 of its prior: there the answer "
     "is the prior.",
     "multimodal": "Several separate positions explain the arrival times; mean and covariance describe none of them.",
     "arrivals_inconsistent": "No source explains the arrival times within their errors: one of them, or its error, is "
     "wrong, and the position means nothing.",
+    "bad_arrival": "An arrival time is more likely bad than good, and the solution does without it.",
+    "two_roots": "Two positions explain the arrival times exactly; the one nearer the Sun is given.",
+    "no_exact_root": "No position explains the arrival times as exactly as it should: with few receivers noise can do "
+    "that. The position is that of the least misfit, and its error is limited by the region that was searched.",
     "few_effective_draws": "The draws carry less than half of the information of independent ones.",
 }
 """Flags of one frequency of a solution."""

@@ -8,8 +8,8 @@ from dataclasses import dataclass, field
 from datetime import date, datetime
 from typing import Any
 
-METHOD_ORDER = ("posterior", "nuts")
-PRESET_ORDER = ("default", "paper", "bella-2024")
+METHOD_ORDER = ("posterior", "nuts", "tdoa")
+PRESET_ORDER = ("default", "robust", "free-speed", "subluminal", "paper", "bella-2024")
 EDGE_ORDER = ("half_maximum", "gauss_hermite")
 
 

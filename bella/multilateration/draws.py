@@ -5,20 +5,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from bella.multilateration.cells import Cells
-from bella.multilateration.likelihood import (
-    NARROW_SPEED_PRIOR,
-    IntArray,
-    Local,
-    Problems,
-    evaluate,
-    log_speed_factor,
-    prior_ratio,
-)
-from bella.multilateration.moments import normalised, summed
+from bella.multilateration.likelihood import IntArray, Problems, evaluate
+from bella.multilateration.moments import normalised
+from bella.multilateration.speed import draw_slowness
 from bella.units import C_RSUN_S, FloatArray
-
-SPEED_BINS = 48
-SPEED_RANGE_SD = 4.5
 
 
 @dataclass(frozen=True)
@@ -45,6 +35,10 @@ class Draws:
 def draw(problems: Problems, cells: Cells, number: int, rng: np.random.Generator) -> Draws:
     """Draw positions, emission times and speeds from the posterior.
 
+    Cells are taken in proportion to their mass, together with a component of the noise; a point within each, a speed
+    and an emission time follow. What the point and the speed miss of the exact density is made good by resampling
+    with importance weights.
+
     Parameters
     ----------
     problems : Problems
@@ -58,57 +52,56 @@ def draw(problems: Problems, cells: Cells, number: int, rng: np.random.Generator
     -------
     Draws
     """
-    points, owner, local, log_weight = _proposals(problems, cells, number, rng)
-    weight, _ = normalised(log_weight, owner, problems.count)
-    chosen = _systematic(weight, problems.count, number, rng)
-    chosen = rng.permuted(chosen.reshape(problems.count, number), axis=1)
-    slowness = _draw_slowness(problems, local, chosen, rng)
-    jitter = rng.standard_normal(chosen.shape) / np.sqrt(problems.total_weight)[:, None]
+    count, components = problems.count, problems.components
+    log_density = cells.log_density.T.ravel()
+    mass, _ = normalised(cells.log_density, cells.owner, count)
+    taken = _systematic(mass.T.ravel(), np.repeat(cells.owner, components), count, number, rng).reshape(count, number)
+    cell, component = np.divmod(taken, components)
+    points = (
+        cells.origin + (cells.index[:, cell] + rng.random((problems.dimensions, count, number))) * cells.side[:, None]
+    )
+    here = problems.component(component)
+    local = evaluate(here, points)
+    slowness, log_weight = draw_slowness(local, problems.priors, rng)
+    weight = _weights(local.log_density[0] + log_weight - log_density[taken])
+    chosen = _resampled(weight, rng)
+
+    def _of_chosen(values: FloatArray) -> FloatArray:
+        return np.take_along_axis(values, chosen, axis=-1)
+
+    late = here.mean_arrival_s[0] - slowness * local.mean_distance[0]
+    late = late + rng.standard_normal(chosen.shape) / np.sqrt(here.total_weight[0])
     return Draws(
-        position=np.moveaxis(points[:, chosen], 0, -1),
-        emission_s=problems.mean_arrival_s[:, None] - slowness * local.mean_distance[chosen] + jitter,
-        v_over_c=1 / (slowness * C_RSUN_S),
-        effective=1 / summed(weight**2, owner, problems.count),
+        position=np.stack([_of_chosen(axis) for axis in points], axis=-1),
+        emission_s=_of_chosen(late),
+        v_over_c=1 / (_of_chosen(slowness) * C_RSUN_S),
+        effective=1 / (weight**2).sum(axis=1),
     )
 
 
-def _proposals(
-    problems: Problems, cells: Cells, number: int, rng: np.random.Generator
-) -> tuple[FloatArray, IntArray, Local, FloatArray]:
-    """Points spread evenly within cells taken in proportion to their mass, with log importance weights."""
-    density = cells.local.log_density + log_speed_factor(problems, cells.local)
-    mass, _ = normalised(density, cells.owner, problems.count)
-    taken = _systematic(mass, problems.count, number, rng)
-    owner = np.repeat(np.arange(problems.count), number)
-    place = cells.index[:, taken] + rng.random((problems.dimensions, taken.size))
-    points = cells.origin + place * cells.side[owner]
-    local = evaluate(problems, points, owner)
-    return points, owner, local, local.log_density + log_speed_factor(problems, local) - density[taken]
+def _weights(log_weight: FloatArray) -> FloatArray:
+    """Weights that add up to one in each row."""
+    weight = np.exp(log_weight - log_weight.max(axis=1, keepdims=True))
+    return np.asarray(weight / weight.sum(axis=1, keepdims=True))
 
 
-def _systematic(mass: FloatArray, count: int, number: int, rng: np.random.Generator) -> IntArray:
+def _resampled(weight: FloatArray, rng: np.random.Generator) -> IntArray:
+    """Indices within each row in proportion to its weights, in random order."""
+    count, number = weight.shape
+    owner = np.repeat(np.arange(count), number)
+    taken = _systematic(weight.ravel(), owner, count, number, rng).reshape(count, number)
+    return rng.permuted(taken - number * np.arange(count)[:, None], axis=1)
+
+
+def _systematic(mass: FloatArray, owner: IntArray, count: int, number: int, rng: np.random.Generator) -> IntArray:
     """Indices of points taken in proportion to their mass, `number` for each problem, in order of problem.
 
-    The masses of a problem add up to one, so problem b owns the stretch from b to b + 1 of their running sum.
+    The masses of a problem add up to one. A comb of `number` teeth with a random start is laid along their running
+    sum; each point is taken as often as teeth fall on it.
     """
-    comb = (np.arange(number) + rng.random((count, 1))) / number + np.arange(count)[:, None]
-    ladder = np.cumsum(mass)
-    return np.minimum(np.searchsorted(ladder, comb.ravel()), mass.size - 1)
-
-
-def _draw_slowness(problems: Problems, local: Local, chosen: IntArray, rng: np.random.Generator) -> FloatArray:
-    mean, sd = local.slowness[chosen], local.slowness_sd[chosen]
-    if problems.priors.v_sd_c <= NARROW_SPEED_PRIOR:
-        return np.asarray(mean + sd * rng.standard_normal(chosen.shape))
-    return np.asarray(mean + sd * _draw_deviation(problems, mean, sd, rng))
-
-
-def _draw_deviation(problems: Problems, mean: FloatArray, sd: FloatArray, rng: np.random.Generator) -> FloatArray:
-    """Standardised deviates of u | x by inversion of its distribution on equal bins."""
-    edges = np.linspace(-SPEED_RANGE_SD, SPEED_RANGE_SD, SPEED_BINS + 1)
-    z = 0.5 * (edges[1:] + edges[:-1])
-    density = np.exp(-0.5 * z**2) * prior_ratio(mean[..., None] + sd[..., None] * z, problems.priors)
-    ladder = np.cumsum(density, axis=-1)
-    height = rng.random(mean.shape) * ladder[..., -1]
-    taken = (ladder < height[..., None]).sum(axis=-1)
-    return np.asarray(edges[taken] + rng.random(mean.shape) * (edges[1] - edges[0]))
+    ladder = np.cumsum(mass) - owner
+    passed = np.ceil(ladder * number - rng.random(count)[owner])
+    last = np.searchsorted(owner, np.arange(count), side="right") - 1
+    passed[last] = number
+    passed = np.clip(passed, 0, number).astype(np.intp) + owner * number
+    return np.repeat(np.arange(mass.size), np.diff(passed, prepend=0))

@@ -1,6 +1,7 @@
 """The exact posterior of every frequency of a burst: milliseconds each, no sampler."""
 
 from collections.abc import Callable, Iterator
+from dataclasses import replace
 
 import numpy as np
 
@@ -11,10 +12,11 @@ from bella.multilateration.draws import Draws, draw
 from bella.multilateration.likelihood import Problems, problems_of
 from bella.multilateration.moments import Moments, moments_of
 from bella.multilateration.regions import regions_of
-from bella.multilateration.solution import Posterior, Recipe
+from bella.multilateration.solution import Recipe
+from bella.multilateration.summary import Posterior
 from bella.units import FloatArray
 
-BATCH = 25
+BATCH = {2: 25, 3: 1}
 """Frequencies treated together: enough to pay for the calls, few enough to stay in the processor's cache."""
 
 
@@ -38,11 +40,12 @@ def exact_posterior(grid: ArrivalGrid, recipe: Recipe, advance: Callable[[int], 
     ConvergenceError
         If a posterior is too sharp for the cells that may be spent on it; names the frequency.
     """
-    problems = problems_of(grid, recipe.preset.priors, recipe.dimensions)
+    problems = problems_of(grid, recipe.preset.priors, recipe.dimensions, recipe.preset.noise)
     rng = np.random.default_rng(recipe.seed)
     parts = []
     for batch, cells in _divided(problems, grid.frequency_mhz):
-        parts.append((draw(batch, cells, recipe.draws, rng), moments_of(batch, cells), regions_of(batch, cells)))
+        drawn = _in_single_precision(draw(batch, cells, recipe.draws, rng))
+        parts.append((drawn, moments_of(batch, cells), regions_of(batch, cells)))
         advance(batch.count)
     draws, moments, regions = zip(*parts, strict=True)
     joined = {
@@ -52,11 +55,22 @@ def exact_posterior(grid: ArrivalGrid, recipe: Recipe, advance: Callable[[int], 
     return Posterior(joined[Draws], joined[Moments], [region for some in regions for region in some])  # type: ignore[arg-type]
 
 
+def _in_single_precision(draws: Draws) -> Draws:
+    """Draws as they are stored: the only part of the answer that grows much with the number of frequencies."""
+    return replace(
+        draws,
+        position=draws.position.astype(np.float32),
+        emission_s=draws.emission_s.astype(np.float32),
+        v_over_c=draws.v_over_c.astype(np.float32),
+    )
+
+
 def _divided(problems: Problems, frequency_mhz: FloatArray) -> Iterator[tuple[Problems, Cells]]:
     """Problems with their cells, `BATCH` together, or fewer where they need many cells."""
-    for first in range(0, problems.count, BATCH):
-        some = slice(first, first + BATCH)
-        yield from _halved(problems.take(some), frequency_mhz[some])
+    step = BATCH[problems.dimensions]
+    for first in range(0, problems.count, step):
+        some = slice(first, first + step)
+        yield from _halved(problems.at(some), frequency_mhz[some])
 
 
 def _halved(problems: Problems, frequency_mhz: FloatArray) -> Iterator[tuple[Problems, Cells]]:
@@ -70,4 +84,4 @@ def _halved(problems: Problems, frequency_mhz: FloatArray) -> Iterator[tuple[Pro
         return
     middle = problems.count // 2
     for half in (slice(0, middle), slice(middle, None)):
-        yield from _halved(problems.take(half), frequency_mhz[half])
+        yield from _halved(problems.at(half), frequency_mhz[half])

@@ -1,5 +1,7 @@
 """Which quality flags a localisation raises; what they mean is in :mod:`bella.flags`."""
 
+from collections.abc import Sequence
+
 import numpy as np
 import xarray as xr
 from scipy import stats
@@ -11,28 +13,43 @@ ONCE_IN = 10_000
 """How often arrival times with errors as stated may be called inconsistent."""
 
 
-def flags_of(posterior: xr.Dataset) -> list[str]:
+LIKELY_ABOVE_C = 0.95
+"""Probability of v > c, one half in the prior, from which the arrival times are said to prefer it."""
+LIKELY_BAD = 0.5
+
+
+def flags_of(posterior: xr.Dataset, remarks: Sequence[str] = ()) -> list[str]:
     """Flags of each frequency of a posterior, joined by semicolons.
 
     Parameters
     ----------
     posterior : xarray.Dataset
         With the summary variables of a solution.
+    remarks : sequence of str
+        Flags that the method raised itself, one text per frequency; none if empty.
 
     Returns
     -------
     list of str
         One per frequency; empty where nothing is to be said.
     """
+    axes = [axis for axis in "xyz" if f"contraction_{axis}" in posterior]
     raised = {
         "speed_not_constrained": posterior["contraction_v"] > NOT_CONSTRAINED,
-        "position_not_constrained": _widest_sd(posterior) > NOT_CONSTRAINED * posterior.attrs["tau_rsun"],
+        "speed_above_c": posterior["above_c_probability"] > LIKELY_ABOVE_C,
+        **{f"{axis}_not_constrained": posterior[f"contraction_{axis}"] > NOT_CONSTRAINED for axis in axes},
+        "position_not_constrained": _widest_sd(posterior, axes) > NOT_CONSTRAINED * posterior.attrs["tau_rsun"],
         "multimodal": posterior["modes"] > 1,
         "arrivals_inconsistent": posterior["misfit"] > _largest_misfit(posterior),
+        "bad_arrival": posterior["bad_probability"].max("observatory") > LIKELY_BAD,
         "few_effective_draws": posterior["draw_ess"] < 0.5 * posterior.sizes["draw"],
     }
-    table = {name: where.to_numpy() for name, where in raised.items()}
-    return [";".join(name for name in table if table[name][row]) for row in range(posterior.sizes["frequency"])]
+    table = {name: np.asarray(where) for name, where in raised.items()}
+    own = list(remarks) or [""] * posterior.sizes["frequency"]
+    return [
+        ";".join(filter(None, [*(name for name in table if table[name][row]), own[row]]))
+        for row in range(posterior.sizes["frequency"])
+    ]
 
 
 def _largest_misfit(posterior: xr.Dataset) -> FloatArray:
@@ -41,8 +58,8 @@ def _largest_misfit(posterior: xr.Dataset) -> FloatArray:
     return np.asarray(stats.chi2.isf(1 / ONCE_IN, receivers - 1))
 
 
-def _widest_sd(posterior: xr.Dataset) -> xr.DataArray:
-    """Root of the larger eigenvalue of the covariance, shape (frequency,)."""
-    xx, xy, yy = (posterior[f"cov_{pair}_rsun2"] for pair in ("xx", "xy", "yy"))
-    variance: xr.DataArray = 0.5 * (xx + yy) + np.hypot(0.5 * (xx - yy), xy)
-    return np.sqrt(variance)  # type: ignore[return-value]
+def _widest_sd(posterior: xr.Dataset, axes: Sequence[str]) -> FloatArray:
+    """Root of the largest eigenvalue of the covariance, shape (frequency,)."""
+    names = [[f"cov_{min(one, other)}{max(one, other)}_rsun2" for other in axes] for one in axes]
+    covariance = np.stack([np.stack([posterior[name].to_numpy() for name in row], axis=-1) for row in names], axis=-1)
+    return np.asarray(np.sqrt(np.linalg.eigvalsh(covariance)[:, -1]))

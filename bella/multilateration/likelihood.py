@@ -10,42 +10,45 @@ closed. With weighted means taken off (d~, y~), r~ = y~ - u0 d~ and
     log p(x | y) = -(R - B^2/P)/2 - log(P su^2)/2 - |x|^2/(2 tau^2) + const,
     u | x  ~  N(u0 + B/P, 1/P),        t0 | x, u  ~  N(y-bar - u d-bar, 1/W).
 
-The prior of the speed is Gaussian in v, not in u; :func:`speed_moments` corrects for the ratio of the two by
-Gauss-Hermite quadrature over u | x.
+A known delay is taken off the arrival time; its uncertainty and the offset of a receiver are Gaussian, so at one
+frequency they only widen sigma_i. Noise with bad arrival times is a mixture of such Gaussian models, one for each set
+of bad ones: its components k stand beside one another on the first axis. The prior of the speed is Gaussian in v, not
+in u; :mod:`bella.multilateration.speed` corrects for that.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
 
 from bella.arrivals import ArrivalGrid
-from bella.multilateration.priors import Priors
-from bella.units import C_RSUN_S, FloatArray
+from bella.multilateration.priors import Noise, Priors
+from bella.units import FloatArray
 
 IntArray = npt.NDArray[np.intp]
 
-NARROW_SPEED_PRIOR = 0.01
-"""Speed priors up to this, in c, are Gaussian in u to better than 1e-4; three nodes then integrate the ratio."""
-LARGEST_LOG_RATIO = 50.0
-SMALLEST_RATIO = 1e-200
-"""Limits of the ratio of the two priors. Only arrival times that no source explains reach them; they keep those finite
-until :mod:`bella.multilateration.flags` says so."""
+GAUSSIAN = Noise()
 
 
 @dataclass(frozen=True)
 class Problems:
-    """Independent localisation problems, one per frequency, as arrays that can be gathered by owner.
+    """Independent localisation problems, one per frequency.
+
+    The last axis, of length B, is that of the problems; :meth:`at` and :meth:`spread` give it the shape S of points.
 
     Attributes
     ----------
     receivers : ndarray, shape (3, n, B)
         Coordinates of the receivers, solar radii; 0 where a receiver is missing.
-    delays : ndarray, shape (n, B)
+    delays : ndarray, shape (K, n, B)
         Arrival times less their weighted mean, s; 0 where missing.
-    weights : ndarray, shape (n, B)
-        1/sigma^2, s^-2; 0 where missing.
-    total_weight, mean_arrival_s : ndarray, shape (B,)
+    weights : ndarray, shape (K, n, B)
+        1/variance, s^-2; 0 where missing.
+    total_weight, mean_arrival_s : ndarray, shape (K, B)
+    log_norm : ndarray, shape (K, B)
+        What the errors add to the log density, with the prior probability of the component.
+    bad : ndarray of bool, shape (K, n)
+        Which arrival times are bad in each component of the noise.
     priors : Priors
     dimensions : int
         2: the source is in the ecliptic plane; the receivers never are made to be.
@@ -56,35 +59,55 @@ class Problems:
     weights: FloatArray
     total_weight: FloatArray
     mean_arrival_s: FloatArray
+    log_norm: FloatArray
+    bad: npt.NDArray[np.bool_]
     priors: Priors
     dimensions: int
 
     @property
     def count(self) -> int:
         """Number of problems B."""
-        return int(self.delays.shape[1])
+        return int(self.total_weight.shape[-1])
 
-    def take(self, some: slice) -> "Problems":
-        """The problems of a slice."""
-        return Problems(
-            self.receivers[..., some],
-            self.delays[:, some],
-            self.weights[:, some],
-            self.total_weight[some],
-            self.mean_arrival_s[some],
-            self.priors,
-            self.dimensions,
+    @property
+    def components(self) -> int:
+        """Number of components K of the noise."""
+        return int(self.total_weight.shape[0])
+
+    def at(self, owner: slice | IntArray) -> "Problems":
+        """The problem of each point; a single problem is left as it is, since it broadcasts."""
+        if self.count == 1:
+            return self
+        return replace(self, **{name: getattr(self, name)[..., owner] for name in PER_PROBLEM})
+
+    def spread(self) -> "Problems":
+        """The problems with one more axis, along which each may have many points."""
+        return replace(self, **{name: getattr(self, name)[..., None] for name in PER_PROBLEM})
+
+    def component(self, chosen: IntArray) -> "Problems":
+        """One component of the noise for each point of each problem: shape (B, N) to S = (B, N), K = 1."""
+        if self.components == 1:
+            return self.spread()
+        row = np.arange(self.count)[:, None]
+        gathered = {name: np.moveaxis(getattr(self, name), -1, 1)[chosen, row] for name in PER_COMPONENT}
+        first = {name: np.moveaxis(values, -1, 0) if values.ndim > 2 else values for name, values in gathered.items()}
+        return replace(
+            self, receivers=self.receivers[..., None], **{name: values[None] for name, values in first.items()}
         )
+
+
+PER_COMPONENT = ("delays", "weights", "total_weight", "mean_arrival_s", "log_norm")
+PER_PROBLEM = ("receivers", *PER_COMPONENT)
 
 
 @dataclass(frozen=True)
 class Local:
-    """The integrals at points x; every array has shape (M,), one value per point.
+    """The integrals at points x; every array has shape (K, *S), one value per component of the noise and point.
 
     Attributes
     ----------
     log_density : ndarray
-        log p(x | y) up to a constant of the problem, for the prior that is Gaussian in u.
+        log p(x, k | y) up to a constant of the problem, for the prior that is Gaussian in u.
     misfit : ndarray
         R - B^2/P: the smallest weighted sum of squares over emission time and slowness.
     slowness, slowness_sd : ndarray
@@ -100,7 +123,7 @@ class Local:
     mean_distance: FloatArray
 
 
-def problems_of(grid: ArrivalGrid, priors: Priors, dimensions: int) -> Problems:
+def problems_of(grid: ArrivalGrid, priors: Priors, dimensions: int, noise: Noise = GAUSSIAN) -> Problems:
     """Localisation problems of the frequencies of a grid.
 
     Parameters
@@ -108,56 +131,75 @@ def problems_of(grid: ArrivalGrid, priors: Priors, dimensions: int) -> Problems:
     grid : ArrivalGrid
     priors : Priors
     dimensions : int
+    noise : Noise
 
     Returns
     -------
     Problems
     """
     present = np.isfinite(grid.arrival_s).T
-    weights = np.where(present, 1 / grid.sigma_s.T**2, 0.0)
-    arrivals = np.where(present, grid.arrival_s.T, 0.0)
-    total = weights.sum(axis=0)
-    mean = (weights * arrivals).sum(axis=0) / total
+    bad = noise.bad_sets(present.shape[0])
+    stated = (grid.sigma_s**2 + grid.delay_sd_s**2 + grid.offset_sd_s**2).T
+    weights = np.where(present, 1 / (stated + bad[:, :, None] * noise.bad_sd_s**2), 0.0)
+    arrivals = np.where(present, (grid.arrival_s - grid.delay_s).T, 0.0)
+    total = weights.sum(axis=1)
+    mean = (weights * arrivals).sum(axis=1) / total
+    log_weights = np.log(weights, where=present, out=np.zeros_like(weights)).sum(axis=1)
     return Problems(
         receivers=np.ascontiguousarray(np.where(present, grid.receiver_rsun.T, 0.0)),
-        delays=np.where(present, arrivals - mean, 0.0),
+        delays=np.where(present, arrivals - mean[:, None], 0.0),
         weights=weights,
         total_weight=total,
         mean_arrival_s=mean,
+        log_norm=0.5 * (log_weights - np.log(total)) + _log_prior_of_components(bad, present, noise.bad_probability),
+        bad=bad,
         priors=priors,
         dimensions=dimensions,
     )
 
 
-def evaluate(problems: Problems, points: FloatArray, owner: IntArray) -> Local:
+def _log_prior_of_components(
+    bad: npt.NDArray[np.bool_], present: npt.NDArray[np.bool_], bad_probability: float
+) -> FloatArray:
+    """Shape (K, B); a component with a bad arrival that is not there has no probability."""
+    if len(bad) == 1:
+        return np.zeros((1, present.shape[1]))
+    number = bad.sum(axis=1)[:, None]
+    heard = present.sum(axis=0)
+    log_prior = number * np.log(bad_probability) + (heard - number) * np.log1p(-bad_probability)
+    possible = ~(bad[:, :, None] & ~present).any(axis=1)
+    log_prior = np.where(possible, log_prior, -np.inf)
+    return np.asarray(log_prior - np.logaddexp.reduce(log_prior, axis=0))
+
+
+def evaluate(problems: Problems, points: FloatArray) -> Local:
     """Integrals at many points, each belonging to one of the problems.
 
     Parameters
     ----------
     problems : Problems
-    points : ndarray, shape (D, M)
+        With the trailing shape S of the points, or one that broadcasts against it.
+    points : ndarray, shape (D, *S)
         Coordinates by row, solar radii.
-    owner : ndarray, shape (M,)
-        Problem of each point.
 
     Returns
     -------
     Local
     """
     u0, su = problems.priors.slowness_mean, problems.priors.slowness_sd
-    weights = problems.weights[:, owner]
-    distances, _ = _distances(problems, points, owner)
-    mean_distance = (weights * distances).sum(axis=0) / problems.total_weight[owner]
-    excess = distances - mean_distance
-    residual = problems.delays[:, owner] - u0 * excess
+    distances, _ = _distances(problems, points)
+    weights = problems.weights
+    mean_distance = _over_receivers(weights, distances) / problems.total_weight
+    excess = distances - mean_distance[:, None]
+    residual = problems.delays - u0 * excess
     weighted = weights * excess
-    A, B = (weighted * excess).sum(axis=0), (weighted * residual).sum(axis=0)
-    R = (weights * residual**2).sum(axis=0)
+    A, B = _over_receivers(weighted, excess), _over_receivers(weighted, residual)
+    R = _over_receivers(weights * residual, residual)
     P = A + su**-2
     misfit = R - B**2 / P
-    prior = (points**2).sum(axis=0) / problems.priors.tau_rsun**2
+    prior = _squared(points) / problems.priors.tau_rsun**2
     return Local(
-        log_density=-0.5 * (misfit + np.log(P * su**2) + prior),
+        log_density=problems.log_norm - 0.5 * (misfit + np.log(P * su**2) + prior),
         misfit=misfit,
         slowness=u0 + B / P,
         slowness_sd=1 / np.sqrt(P),
@@ -165,109 +207,53 @@ def evaluate(problems: Problems, points: FloatArray, owner: IntArray) -> Local:
     )
 
 
-def sharpness(problems: Problems, points: FloatArray, owner: IntArray) -> FloatArray:
+def _over_receivers(one: FloatArray, other: FloatArray) -> FloatArray:
+    """Sum of products over the axis of the receivers, the last but those of the points."""
+    return np.asarray((one * other).sum(axis=1))
+
+
+def _squared(points: FloatArray) -> FloatArray:
+    return np.asarray(sum(axis**2 for axis in points))
+
+
+def sharpness(problems: Problems, points: FloatArray) -> FloatArray:
     """Root of the trace of the information on x that the data (emission time free) and the prior carry.
 
     Parameters
     ----------
     problems : Problems
-    points : ndarray, shape (D, M)
+        With the trailing shape S of the points, or one that broadcasts against it.
+    points : ndarray, shape (D, *S)
         Solar radii.
-    owner : ndarray, shape (M,)
-        Problem of each point.
 
     Returns
     -------
-    ndarray, shape (M,)
-        1/solar radius.
+    ndarray, shape S
+        1/solar radius. That of the component without bad arrivals, which has the most.
     """
-    distances, offsets = _distances(problems, points, owner)
-    total = problems.total_weight[owner]
-    share = problems.weights[:, owner] / total / np.maximum(distances, 1e-9)
+    distances, offsets = _distances(problems, points)
+    total = problems.total_weight[0]
+    share = problems.weights[0] / total / np.maximum(distances, 1e-9)
     squared_mean_direction = sum((share * offset).sum(axis=0) ** 2 for offset in offsets)
     data = problems.priors.slowness_mean**2 * total * np.maximum(1 - squared_mean_direction, 0)
     return np.asarray(np.sqrt(data + problems.priors.tau_rsun**-2))
 
 
-def _distances(problems: Problems, points: FloatArray, owner: IntArray) -> tuple[FloatArray, list[FloatArray]]:
-    """Distance to each receiver, shape (n, M), and the offsets from it along each axis of the source."""
-    offsets = [points[axis] - problems.receivers[axis][:, owner] for axis in range(problems.dimensions)]
-    beyond = sum(problems.receivers[axis] ** 2 for axis in range(problems.dimensions, 3))
-    squared = sum(offset**2 for offset in offsets) + (beyond[:, owner] if problems.dimensions < 3 else 0.0)
+def _distances(problems: Problems, points: FloatArray) -> tuple[FloatArray, list[FloatArray]]:
+    """Distance to each receiver, shape (n, *S), and the offsets from it along each axis of the source."""
+    offsets = [points[axis] - problems.receivers[axis] for axis in range(problems.dimensions)]
+    squared = sum(offset**2 for offset in offsets)
+    for axis in range(problems.dimensions, 3):
+        squared = squared + problems.receivers[axis] ** 2
     return np.asarray(np.sqrt(squared)), offsets
-
-
-def log_speed_factor(problems: Problems, local: Local) -> FloatArray:
-    """Change of the log density of x when the prior of the speed is Gaussian in v instead of in u.
-
-    Parameters
-    ----------
-    problems : Problems
-    local : Local
-
-    Returns
-    -------
-    ndarray, shape (M,)
-        Left out (0) for priors up to `NARROW_SPEED_PRIOR`, where it changes by less than 1e-4 over the posterior.
-    """
-    if problems.priors.v_sd_c <= NARROW_SPEED_PRIOR:
-        return np.zeros_like(local.log_density)
-    _, weights = speed_nodes(local.slowness, local.slowness_sd, problems.priors)
-    return np.asarray(np.log(weights.sum(axis=0)))
-
-
-def speed_nodes(slowness: FloatArray, slowness_sd: FloatArray, priors: Priors) -> tuple[FloatArray, FloatArray]:
-    """Quadrature over u | x under the prior that is Gaussian in v.
-
-    Parameters
-    ----------
-    slowness, slowness_sd : ndarray, shape (M,)
-        Of u | x under the prior that is Gaussian in u.
-    priors : Priors
-
-    Returns
-    -------
-    nodes : ndarray, shape (K, M)
-        Values of u, s per solar radius.
-    weights : ndarray, shape (K, M)
-        Not normalised: their sum is the factor by which the density of x changes.
-    """
-    z, omega = np.polynomial.hermite_e.hermegauss(3 if priors.v_sd_c <= NARROW_SPEED_PRIOR else 9)
-    nodes = slowness + z[:, None] * slowness_sd
-    return nodes, (omega / omega.sum())[:, None] * prior_ratio(nodes, priors)
-
-
-def prior_ratio(slowness: FloatArray, priors: Priors) -> FloatArray:
-    """Ratio of the prior that is Gaussian in v = 1/u to the one that is Gaussian in u.
-
-    Parameters
-    ----------
-    slowness : ndarray
-        u, s per solar radius; any shape.
-    priors : Priors
-
-    Returns
-    -------
-    ndarray
-        The shape of `slowness`; all but 0 where u is not positive.
-    """
-    positive = slowness > 0
-    u = np.where(positive, slowness, 1.0)
-    v_deviation = (1 / (u * C_RSUN_S) - 1) / priors.v_sd_c
-    u_deviation = (u - priors.slowness_mean) / priors.slowness_sd
-    jacobian = priors.slowness_sd / (priors.v_sd_c * C_RSUN_S * u**2)
-    exponent = np.minimum(0.5 * (u_deviation**2 - v_deviation**2), LARGEST_LOG_RATIO)
-    return np.where(positive, jacobian * np.exp(exponent), SMALLEST_RATIO)
 
 
 def log_constant(problems: Problems) -> FloatArray:
     """What turns the integral of exp(`Local.log_density`) over x into the evidence, shape (B,), as a logarithm."""
-    heard = problems.weights > 0
+    heard = (problems.weights[0] > 0).sum(axis=0)
     priors = problems.priors
-    log_weights = np.log(problems.weights, where=heard, out=np.zeros_like(problems.weights)).sum(axis=0)
     return np.asarray(
-        -0.5 * (heard.sum(axis=0) - 1) * np.log(2 * np.pi)
-        + 0.5 * (log_weights - np.log(problems.total_weight))
+        -0.5 * (heard - 1) * np.log(2 * np.pi)
         - np.log(2 * priors.emission_half_width_s)
         - 0.5 * problems.dimensions * np.log(2 * np.pi * priors.tau_rsun**2)
     )

@@ -10,8 +10,10 @@ from bella.arrivals import ArrivalGrid, arrival_grid, check_arrivals, locate_rec
 from bella.exceptions import InputError
 from bella.multilateration.exact import exact_posterior
 from bella.multilateration.nuts import nuts_posterior
-from bella.multilateration.priors import apply_sigma_rule, find_preset
-from bella.multilateration.solution import Posterior, Recipe, solution_dataset
+from bella.multilateration.priors import Preset, apply_sigma_rule, find_preset
+from bella.multilateration.solution import Recipe, solution_dataset
+from bella.multilateration.summary import Posterior
+from bella.multilateration.tdoa_posterior import tdoa_posterior
 
 
 class Method(Protocol):
@@ -21,16 +23,18 @@ class Method(Protocol):
         """Compute the posterior of each frequency of the grid."""
 
 
-METHODS: dict[str, Method] = {"posterior": exact_posterior, "nuts": nuts_posterior}
-"""``posterior``: exact, on adaptive cells. ``nuts``: the same model sampled with PyMC, the reference."""
+METHODS: dict[str, Method] = {"posterior": exact_posterior, "nuts": nuts_posterior, "tdoa": tdoa_posterior}
+"""``posterior``: exact, on adaptive cells. ``nuts``: the same model sampled with PyMC, the reference. ``tdoa``: time
+differences in closed form or by least squares, at the speed of light and without a prior."""
 
 
-def check_choices(preset: str, method: str, dimensions: int = 2) -> None:
+def check_choices(preset: str | Preset, method: str, dimensions: int = 2) -> None:
     """Refuse what :func:`localise` would refuse, before anything is started.
 
     Parameters
     ----------
-    preset, method : str
+    preset : str or Preset
+    method : str
     dimensions : int
 
     Raises
@@ -38,17 +42,20 @@ def check_choices(preset: str, method: str, dimensions: int = 2) -> None:
     InputError
         Names the choice that is not known, and those that are.
     """
-    find_preset(preset)
+    if isinstance(preset, str):
+        find_preset(preset)
     if method not in METHODS:
         raise InputError(f"method {method!r} is not known; choose one of {', '.join(METHODS)}")
-    if dimensions != 2:
-        raise InputError(f"{dimensions} dimensions are not supported; use 2, the source in the ecliptic plane")
+    if dimensions not in {2, 3}:
+        raise InputError(
+            f"{dimensions} dimensions are not supported; use 2, the source in the ecliptic plane, or 3, in space"
+        )
 
 
 def localise(  # noqa: PLR0913
     arrivals: pd.DataFrame,
     *,
-    preset: str = "default",
+    preset: str | Preset = "default",
     method: str = "posterior",
     dimensions: int = 2,
     draws: int = 4000,
@@ -63,12 +70,13 @@ def localise(  # noqa: PLR0913
     ----------
     arrivals : pandas.DataFrame
         As :func:`bella.arrivals.check_arrivals` returns it.
-    preset : str
-        A name of `bella.multilateration.PRESETS`.
+    preset : str or Preset
+        A name of `bella.multilateration.PRESETS`, or a preset of one's own.
     method : str
         A name of `bella.multilateration.METHODS`.
     dimensions : int
-        2: the source is in the ecliptic plane.
+        2: the source is in the ecliptic plane. 3: it is anywhere in space, which takes four receivers, not all in one
+        plane with it, to say more of the third coordinate than the prior does.
     draws : int
         Posterior draws to keep per frequency.
     seed : int
@@ -89,10 +97,10 @@ def localise(  # noqa: PLR0913
     ConvergenceError
         If the method ends without an answer.
     """
-    check_choices(preset, method, dimensions)
+    chosen = find_preset(preset) if isinstance(preset, str) else preset
+    check_choices(chosen, method, dimensions)
     if draws < 1:
         raise InputError(f"{draws} draws are too few; ask for 1 or more")
-    chosen = find_preset(preset)
     grid = apply_sigma_rule(arrival_grid(locate_receivers(check_arrivals(arrivals))), chosen)
     recipe = Recipe(method, chosen, dimensions, draws, seed)
     return solution_dataset(grid, METHODS[method](grid, recipe, advance), recipe)

@@ -5,8 +5,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from bella.multilateration.cells import Cells
-from bella.multilateration.likelihood import IntArray, Local, Problems, log_constant, speed_nodes
-from bella.units import C_RSUN_S, FloatArray
+from bella.multilateration.likelihood import IntArray, Problems, log_constant
+from bella.units import FloatArray
 
 
 @dataclass(frozen=True)
@@ -24,6 +24,12 @@ class Moments:
     v_over_c, v_over_c_sd : ndarray, shape (B,)
         Propagation speed.
     log_evidence : ndarray, shape (B,)
+    above_c : ndarray, shape (B,)
+        Probability that the speed is above that of light.
+    prior_pull : ndarray, shape (B, D)
+        How far the prior moves the mean, to first order in its precision, solar radii.
+    bad_probability : ndarray, shape (B, n)
+        Probability that an arrival time is bad; 0 where the noise is Gaussian.
     """
 
     mean: FloatArray
@@ -33,52 +39,9 @@ class Moments:
     v_over_c: FloatArray
     v_over_c_sd: FloatArray
     log_evidence: FloatArray
-
-
-@dataclass(frozen=True)
-class SpeedMoments:
-    """Moments of u | x and v | x at points, each shape (M,), under the prior that is Gaussian in v.
-
-    Attributes
-    ----------
-    log_factor : ndarray
-        Change of the log density of x against the prior that is Gaussian in u.
-    u, u_variance : ndarray
-        Mean and variance of the slowness, s and s^2 per (square) solar radius.
-    v, v_variance : ndarray
-        Mean and variance of v/c.
-    """
-
-    log_factor: FloatArray
-    u: FloatArray
-    u_variance: FloatArray
-    v: FloatArray
-    v_variance: FloatArray
-
-
-def speed_moments(problems: Problems, local: Local) -> SpeedMoments:
-    """Moments of slowness and speed given the position.
-
-    Parameters
-    ----------
-    problems : Problems
-    local : Local
-
-    Returns
-    -------
-    SpeedMoments
-    """
-    nodes, weights = speed_nodes(local.slowness, local.slowness_sd, problems.priors)
-    factor = weights.sum(axis=0)
-    share = weights / factor
-    u, u_variance = _mean_and_variance(share, nodes)
-    v, v_variance = _mean_and_variance(share, 1 / (nodes * C_RSUN_S))
-    return SpeedMoments(np.log(factor), u, u_variance, v, v_variance)
-
-
-def _mean_and_variance(share: FloatArray, values: FloatArray) -> tuple[FloatArray, FloatArray]:
-    mean = (share * values).sum(axis=0)
-    return mean, (share * (values - mean) ** 2).sum(axis=0)
+    above_c: FloatArray
+    prior_pull: FloatArray
+    bad_probability: FloatArray
 
 
 def summed(values: FloatArray, owner: IntArray, count: int) -> FloatArray:
@@ -91,20 +54,21 @@ def normalised(log_density: FloatArray, owner: IntArray, count: int) -> tuple[Fl
 
     Parameters
     ----------
-    log_density : ndarray, shape (M,)
+    log_density : ndarray, shape (K, M)
+        Of K components of the noise; the points in the order of their problems.
     owner : ndarray of int, shape (M,)
     count : int
         Number of problems B.
 
     Returns
     -------
-    probability : ndarray, shape (M,)
+    probability : ndarray, shape (K, M)
     log_sum : ndarray, shape (B,)
     """
-    top = np.full(count, -np.inf)
-    np.maximum.at(top, owner, log_density)
+    first = np.searchsorted(owner, np.arange(count))
+    top = np.maximum.reduceat(log_density.max(axis=0), first)
     mass = np.exp(log_density - top[owner])
-    total = summed(mass, owner, count)
+    total = np.add.reduceat(mass.sum(axis=0), first)
     return mass / total[owner], top + np.log(total)
 
 
@@ -120,35 +84,46 @@ def moments_of(problems: Problems, cells: Cells) -> Moments:
     -------
     Moments
     """
-    count, owner, local = problems.count, cells.owner, cells.local
-    speed = speed_moments(problems, local)
-    share, log_sum = normalised(local.log_density + speed.log_factor, owner, count)
+    count, owner, local, speed = problems.count, cells.owner, cells.local, cells.speed
+    joint, log_sum = normalised(cells.log_density, owner, count)
 
     def _mean(values: FloatArray) -> FloatArray:
-        return summed(share * values, owner, count)
-
-    position, covariance = _position_moments(share, cells, count)
+        return summed((joint * values).sum(axis=0), owner, count)
 
     def _spread(values: FloatArray, within: FloatArray) -> FloatArray:
         return _mean((values - _mean(values)[owner]) ** 2 + within)
 
-    delay = local.mean_distance * speed.u
-    delay_variance = _spread(delay, local.mean_distance**2 * speed.u_variance)
-    area = cells.side**problems.dimensions
+    here = problems.at(owner)
+    emission = here.mean_arrival_s - problems.mean_arrival_s[0, owner] - local.mean_distance * speed.u
+    emission_variance = _spread(emission, local.mean_distance**2 * speed.u_variance + 1 / here.total_weight)
+    share = joint.sum(axis=0)
+    position, covariance, prior_pull = _position_moments(share, cells, count, problems.priors.tau_rsun)
     return Moments(
         mean=position,
         covariance=covariance,
-        emission_s=problems.mean_arrival_s - _mean(delay),
-        emission_sd_s=np.sqrt(delay_variance + 1 / problems.total_weight),
+        emission_s=problems.mean_arrival_s[0] + _mean(emission),
+        emission_sd_s=np.sqrt(emission_variance),
         v_over_c=_mean(speed.v),
         v_over_c_sd=np.sqrt(_spread(speed.v, speed.v_variance)),
-        log_evidence=log_sum + np.log(area) + log_constant(problems),
+        log_evidence=log_sum + problems.dimensions * np.log(cells.side) + log_constant(problems),
+        above_c=_mean(speed.above_c),
+        prior_pull=prior_pull,
+        bad_probability=np.stack([summed(one, owner, count) for one in joint], axis=1) @ problems.bad,
     )
 
 
-def _position_moments(share: FloatArray, cells: Cells, count: int) -> tuple[FloatArray, FloatArray]:
+def _position_moments(
+    share: FloatArray, cells: Cells, count: int, tau_rsun: float
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Mean, covariance, and the change of the mean with the precision 1/tau^2 of the prior, times that precision.
+
+    The last is -Cov(x, x^2) / (2 tau^2), an identity of exponential families; for a Gaussian -Cov(x) mean / tau^2.
+    """
     centres = cells.centres
     mean = np.stack([summed(share * axis, cells.owner, count) for axis in centres], axis=1)
     deviation = centres - mean.T[:, cells.owner]
-    covariance = [[summed(share * a * b, cells.owner, count) for b in deviation] for a in deviation]
-    return mean, np.moveaxis(np.array(covariance), -1, 0)
+    weighted = share * deviation
+    covariance = [[summed(a * b, cells.owner, count) for b in deviation] for a in weighted]
+    radius = (centres**2).sum(axis=0)
+    pull = np.stack([summed(a * radius, cells.owner, count) for a in weighted], axis=1)
+    return mean, np.moveaxis(np.array(covariance), -1, 0), -0.5 * pull / tau_rsun**2

@@ -1,11 +1,13 @@
 """The same model sampled with PyMC: the reference that the exact posterior is held against.
 
 The model is that of Canizares et al. (2024, A&A, doi:10.1051/0004-6361/202347747) in solar radii and seconds, in which
-the sampler's unit scale is a good start; in metres it does not converge. PyMC is imported when a model is built.
+the sampler's unit scale is a good start; in metres it does not converge. Delays and offsets are parameters here, where
+the exact posterior has integrated them out. PyMC is imported when a model is built.
 """
 
 import warnings
 from collections.abc import Callable
+from dataclasses import dataclass
 from functools import lru_cache
 from importlib import import_module
 from typing import Any
@@ -16,15 +18,17 @@ from bella.arrivals import ArrivalGrid
 from bella.exceptions import ConvergenceError
 from bella.multilateration.draws import Draws
 from bella.multilateration.moments import Moments
-from bella.multilateration.priors import Priors
+from bella.multilateration.priors import Noise, Priors
 from bella.multilateration.regions import Region, region_of_draws
-from bella.multilateration.solution import Posterior, Recipe
+from bella.multilateration.solution import Recipe, parameters
+from bella.multilateration.summary import AXES, Posterior
 from bella.units import C_RSUN_S, FloatArray
 
 CHAINS = 4
-SCATTERED = ("x_scaled", "y_scaled", "v_scaled")
-"""Where the chains start apart, by one prior standard deviation. Scattered over its prior as well, the emission time
-starts so far off that a chain can end with a negative speed, from where it does not come back."""
+SCATTERED = ("x_scaled", "y_scaled", "z_scaled", "v_scaled", "delay_scaled", "offset_scaled")
+"""Where the chains start apart, by one prior standard deviation. The sampler refuses to start where a gradient is zero,
+as it is for a delay that is known to be none, so delays and offsets are among them. Scattered over its prior as well,
+the emission time starts so far off that a chain can end with a negative speed, from where it does not come back."""
 TUNE = 1000
 LARGEST_RHAT = 1.05
 MIN_EFFECTIVE = 100
@@ -56,7 +60,7 @@ def nuts_posterior(grid: ArrivalGrid, recipe: Recipe, advance: Callable[[int], N
         parts.append(sample_frequency(grid, row, recipe))
         advance(1)
     draws = Draws(*(np.stack([getattr(part, name) for part in parts]) for name in Draws.__dataclass_fields__))
-    return Posterior(draws, _moments(draws), _regions(draws))
+    return Posterior(draws, _moments(draws, recipe.preset.priors.tau_rsun, len(grid.observatories)), _regions(draws))
 
 
 def sample_frequency(grid: ArrivalGrid, row: int, recipe: Recipe) -> Draws:
@@ -81,59 +85,122 @@ def sample_frequency(grid: ArrivalGrid, row: int, recipe: Recipe) -> Draws:
         If the chains disagree.
     """
     heard = np.isfinite(grid.arrival_s[row])
-    compiled = _compiled(int(heard.sum()), recipe.preset.priors)
-    offset = float(grid.arrival_s[row, heard].mean())
-    trace = _run(
-        compiled.with_data(
-            receiver_rsun=grid.receiver_rsun[row, heard],
-            arrival_s=grid.arrival_s[row, heard] - offset,
-            sigma_s=grid.sigma_s[row, heard],
-        ),
-        recipe,
-        row,
+    shape = ModelShape(
+        receivers=int(heard.sum()),
+        dimensions=recipe.dimensions,
+        priors=recipe.preset.priors,
+        noise=recipe.preset.noise,
+        nuisances=bool(max(grid.delay_sd_s[row, heard].max(), grid.offset_sd_s[row, heard].max()) > 0),
     )
-    effective = _effective(trace, float(grid.frequency_mhz[row]))
-    x, y, emission, v = (trace.posterior[name].to_numpy().ravel()[-recipe.draws :] for name in _NAMES)
-    return Draws(np.stack([x, y], axis=-1), emission + offset, v, np.asarray(effective))
+    offset = float(grid.arrival_s[row, heard].mean())
+    trace = _run(_compiled(shape).with_data(**_inputs(grid, row, heard, offset, shape)), recipe, row)
+    names = parameters(recipe.dimensions)
+    effective = _effective(trace, float(grid.frequency_mhz[row]), names)
+    *position, emission, v = (trace.posterior[name].to_numpy().ravel()[-recipe.draws :] for name in names)
+    return Draws(np.stack(position, axis=-1), emission + offset, v, np.asarray(effective))
 
 
-_NAMES = ("x_rsun", "y_rsun", "emission_s", "v_over_c")
+@dataclass(frozen=True)
+class ModelShape:
+    """What a compiled model depends on; everything else is data that are put in later.
+
+    Attributes
+    ----------
+    receivers, dimensions : int
+    priors : Priors
+    noise : Noise
+    nuisances : bool
+        Whether delays or offsets are uncertain.
+    """
+
+    receivers: int
+    dimensions: int
+    priors: Priors
+    noise: Noise
+    nuisances: bool
 
 
-@lru_cache(maxsize=8)
-def _compiled(receivers: int, priors: Priors) -> Any:
-    """Compiled model for a number of receivers; its data are put in later, so this is paid once."""
-    model = build_model(receivers, priors)
-    scattered = {model[name] for name in SCATTERED}
+def _inputs(grid: ArrivalGrid, row: int, heard: Any, offset: float, shape: ModelShape) -> dict[str, FloatArray]:
+    inputs = {
+        "receiver_rsun": grid.receiver_rsun[row, heard],
+        "arrival_s": (grid.arrival_s - grid.delay_s)[row, heard] - offset,
+        "sigma_s": grid.sigma_s[row, heard],
+    }
+    if shape.nuisances:
+        inputs |= {name: getattr(grid, name)[row, heard] for name in ("delay_sd_s", "offset_sd_s")}
+    return inputs
+
+
+@lru_cache(maxsize=16)
+def _compiled(shape: ModelShape) -> Any:
+    """Compiled model of a shape, paid once for all frequencies and bursts."""
+    model = build_model(shape)
+    scattered = {model[name] for name in SCATTERED if name in model.named_vars}
     return _library("nutpie").compile_pymc_model(model, jitter_rvs=scattered)
 
 
-def build_model(receivers: int, priors: Priors) -> Any:
+def build_model(shape: ModelShape) -> Any:
     """Model of one frequency with data to be put in.
 
     Parameters
     ----------
-    receivers : int
-        Number of receivers n.
-    priors : Priors
+    shape : ModelShape
+        With n receivers.
 
     Returns
     -------
     pymc.Model
-        Data ``receiver_rsun`` (n, 3), ``arrival_s`` (n,), ``sigma_s`` (n,).
+        Data ``receiver_rsun`` (n, 3), ``arrival_s`` (n,) with known delays taken off, ``sigma_s`` (n,) and, with
+        nuisances, ``delay_sd_s`` and ``offset_sd_s`` (n,).
     """
-    pm = _library("pymc")
+    pm, priors = _library("pymc"), shape.priors
     with pm.Model() as model:
-        receiver = pm.Data("receiver_rsun", np.eye(receivers, 3) * 200.0)
-        arrival = pm.Data("arrival_s", np.zeros(receivers))
-        sigma = pm.Data("sigma_s", np.ones(receivers))
-        x, y = (pm.Deterministic(f"{axis}_rsun", priors.tau_rsun * pm.Normal(f"{axis}_scaled")) for axis in "xy")
-        v = pm.Deterministic("v_over_c", 1.0 + priors.v_sd_c * pm.Normal("v_scaled"))
+        receiver = pm.Data("receiver_rsun", np.eye(shape.receivers, 3) * 200.0)
+        arrival = pm.Data("arrival_s", np.zeros(shape.receivers))
+        sigma = pm.Data("sigma_s", np.ones(shape.receivers))
+        v = pm.Deterministic("v_over_c", 1.0 + priors.v_sd_c * _speed_scaled(pm, priors))
         half_width = priors.emission_half_width_s
         emission = pm.Uniform("emission_s", -half_width, half_width, initval=-500.0)
-        distance = pm.math.sqrt((x - receiver[:, 0]) ** 2 + (y - receiver[:, 1]) ** 2 + receiver[:, 2] ** 2)
-        pm.Normal("arrival", emission + distance / (v * C_RSUN_S), sigma, observed=arrival)
+        expected = emission + _distance(pm, shape, receiver) / (v * C_RSUN_S) + _nuisance(pm, shape)
+        if shape.noise.bad_probability:
+            pm.Potential("arrival", _log_mixture(pm, shape, arrival - expected, sigma))
+        else:
+            pm.Normal("arrival", expected, sigma, observed=arrival)
     return model
+
+
+def _speed_scaled(pm: Any, priors: Priors) -> Any:
+    if not priors.is_truncated:
+        return pm.Normal("v_scaled")
+    return pm.Truncated("v_scaled", pm.Normal.dist(), upper=(priors.v_max_c - 1) / priors.v_sd_c)
+
+
+def _distance(pm: Any, shape: ModelShape, receiver: Any) -> Any:
+    """Distance of the source from each receiver; the source is at z = 0 where it has no third coordinate."""
+    tau = shape.priors.tau_rsun
+    axes = [pm.Deterministic(f"{axis}_rsun", tau * pm.Normal(f"{axis}_scaled")) for axis in AXES[: shape.dimensions]]
+    source = [*axes, *[0.0] * (3 - shape.dimensions)]
+    return pm.math.sqrt(sum((source[i] - receiver[:, i]) ** 2 for i in range(3)))
+
+
+def _nuisance(pm: Any, shape: ModelShape) -> Any:
+    """Uncertain delay and offset of each arrival time."""
+    if not shape.nuisances:
+        return 0.0
+    terms = []
+    for name in ("delay", "offset"):
+        sd = pm.Data(f"{name}_sd_s", np.zeros(shape.receivers))
+        terms.append(sd * pm.Normal(f"{name}_scaled", shape=shape.receivers))
+    return sum(terms)
+
+
+def _log_mixture(pm: Any, shape: ModelShape, residual: Any, sigma: Any) -> Any:
+    """Log likelihood summed over the sets of bad arrival times that are possible."""
+    sets = shape.noise.bad_sets(shape.receivers)
+    odds = np.log(shape.noise.bad_probability / (1 - shape.noise.bad_probability)) * sets.sum(axis=1)
+    sd = pm.math.sqrt(sigma[None, :] ** 2 + sets * shape.noise.bad_sd_s**2)
+    each = -0.5 * (residual[None, :] / sd) ** 2 - pm.math.log(sd)
+    return pm.math.logsumexp(each.sum(axis=1) + odds - np.logaddexp.reduce(odds))
 
 
 def _run(model: Any, recipe: Recipe, row: int) -> Any:
@@ -150,11 +217,11 @@ def _run(model: Any, recipe: Recipe, row: int) -> Any:
     )
 
 
-def _effective(trace: Any, frequency_mhz: float) -> float:
+def _effective(trace: Any, frequency_mhz: float, names: tuple[str, ...]) -> float:
     """Smallest effective sample size of the parameters, after the chains were seen to agree."""
     az = _library("arviz")
-    rhat = float(az.rhat(trace, var_names=list(_NAMES)).to_array().max())
-    effective = float(az.ess(trace, var_names=list(_NAMES)).to_array().min())
+    rhat = float(az.rhat(trace, var_names=list(names)).to_array().max())
+    effective = float(az.ess(trace, var_names=list(names)).to_array().min())
     if rhat > LARGEST_RHAT or effective < MIN_EFFECTIVE:
         raise ConvergenceError(
             f"{frequency_mhz:g} MHz: the chains do not agree (r-hat {rhat:.3f}, effective draws {effective:.0f}); "
@@ -170,8 +237,10 @@ def _library(name: str) -> Any:
         return import_module(name)
 
 
-def _moments(draws: Draws) -> Moments:
+def _moments(draws: Draws, tau_rsun: float, receivers: int) -> Moments:
     covariance = np.stack([np.cov(some.T) for some in draws.position])
+    radius = (draws.position**2).sum(axis=2)
+    pull = [np.cov(some.T, of_it)[:-1, -1] for some, of_it in zip(draws.position, radius, strict=True)]
     return Moments(
         mean=draws.position.mean(axis=1),
         covariance=covariance,
@@ -180,6 +249,9 @@ def _moments(draws: Draws) -> Moments:
         v_over_c=draws.v_over_c.mean(axis=1),
         v_over_c_sd=draws.v_over_c.std(axis=1),
         log_evidence=np.full(len(covariance), np.nan),
+        above_c=(draws.v_over_c > 1).mean(axis=1),
+        prior_pull=-0.5 * np.stack(pull) / tau_rsun**2,
+        bad_probability=np.zeros((len(covariance), receivers)),
     )
 
 

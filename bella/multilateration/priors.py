@@ -1,9 +1,13 @@
 """What is assumed before the data: priors of source and speed, and where the timing error comes from."""
 
 from dataclasses import dataclass, replace
+from itertools import combinations
 from typing import Literal
 
 import numpy as np
+import numpy.typing as npt
+from scipy.special import log_ndtr
+from scipy.stats import truncnorm
 
 from bella.arrivals import ArrivalGrid
 from bella.exceptions import InputError
@@ -13,6 +17,9 @@ SigmaRule = Literal["table", "cadence", "constant"]
 
 CADENCE_S = {"WIND": 60.0, "STEREO-A": 38.05, "STEREO-B": 38.05}
 """Cadences used as timing error by Canizares et al. (2024), Sect. 2, s."""
+
+MOST_BAD = 2
+"""Most arrival times of one frequency that may be bad together."""
 
 
 @dataclass(frozen=True)
@@ -25,12 +32,15 @@ class Priors:
         Standard deviation of each coordinate of the source, centred on the Sun, solar radii.
     v_sd_c : float
         Standard deviation of the propagation speed around c, in units of c.
+    v_max_c : float
+        Speeds above this have no probability, in units of c.
     emission_half_width_s : float
         The emission time is uniform within this of the reference time, s.
     """
 
     tau_rsun: float = 1.5 * AU_RSUN / 4
     v_sd_c: float = 0.001
+    v_max_c: float = float("inf")
     emission_half_width_s: float = 86_400.0
 
     @property
@@ -42,6 +52,60 @@ class Priors:
     def slowness_sd(self) -> float:
         """Standard deviation of that Gaussian, s per solar radius."""
         return self.v_sd_c * (1 + 2 * self.v_sd_c**2) / C_RSUN_S
+
+    @property
+    def is_truncated(self) -> bool:
+        """Whether there is a largest speed."""
+        return bool(np.isfinite(self.v_max_c))
+
+    @property
+    def speed_sd_c(self) -> float:
+        """Standard deviation of the prior of the speed, below the largest one if there is one, in units of c."""
+        return float(truncnorm.std(-np.inf, (self.v_max_c - 1) / self.v_sd_c, scale=self.v_sd_c))
+
+    @property
+    def log_share_allowed(self) -> float:
+        """Logarithm of the share of the Gaussian in v that lies below the largest speed."""
+        return float(log_ndtr((self.v_max_c - 1) / self.v_sd_c))
+
+
+@dataclass(frozen=True)
+class Noise:
+    """How arrival times err: Gaussian with their stated errors, or now and then by far more.
+
+    Each arrival time is bad with a small probability, and then its error is larger by far (the mixture of Box & Tiao
+    1968, doi:10.1093/biomet/55.1.119). With three receivers a bad time cannot be told from a good one.
+
+    Attributes
+    ----------
+    bad_probability : float
+        Prior probability that an arrival time is bad; 0 for Gaussian noise.
+    bad_sd_s : float
+        Standard deviation that a bad one has beyond its stated error, s.
+    """
+
+    bad_probability: float = 0.0
+    bad_sd_s: float = 600.0
+
+    def bad_sets(self, receivers: int) -> npt.NDArray[np.bool_]:
+        """Which receivers are bad in each component of the mixture: one of four at most, and two at most.
+
+        Parameters
+        ----------
+        receivers : int
+            Their number n.
+
+        Returns
+        -------
+        ndarray of bool, shape (K, n)
+            The first has none that is bad.
+        """
+        most = min(max(1, receivers // 4), MOST_BAD) if self.bad_probability > 0 else 0
+        chosen = [some for size in range(most + 1) for some in combinations(range(receivers), size)]
+        sets = np.zeros((len(chosen), receivers), dtype=bool)
+        for row, some in enumerate(chosen):
+            sets[row, list(some)] = True
+        return sets
 
 
 @dataclass(frozen=True)
@@ -56,12 +120,14 @@ class Preset:
         Timing error from the arrival table, from the cadence of the receiver, or `sigma_s` for all.
     sigma_s : float
         Used by the rule "constant", s.
+    noise : Noise
     """
 
     name: str
     priors: Priors
     sigma_rule: SigmaRule
     sigma_s: float = float("nan")
+    noise: Noise = Noise()
 
     @property
     def rule(self) -> str:
@@ -77,10 +143,15 @@ PRESETS = {
         Preset("default", Priors(), "table"),
         Preset("paper", Priors(v_sd_c=0.1), "cadence"),
         Preset("bella-2024", Priors(), "constant", sigma_s=30.0),
+        Preset("free-speed", Priors(v_sd_c=0.1), "table"),
+        Preset("subluminal", Priors(v_sd_c=0.1, v_max_c=1.0), "table"),
+        Preset("robust", Priors(), "table", noise=Noise(bad_probability=0.05)),
     )
 }
 """``default``: timing errors as measured. ``paper``: what Canizares et al. (2024) say. ``bella-2024``: what the code
-published with that paper does (half of the 60 s cadence for all receivers, speed held to 0.001 c)."""
+published with that paper does (half of the 60 s cadence for all receivers, speed held to 0.001 c). With the timing
+errors of the table as well: ``free-speed`` leaves the speed 0.1 c, ``subluminal`` does so below c only, and ``robust``
+survives one bad arrival time out of four."""
 
 
 def find_preset(name: str) -> Preset:

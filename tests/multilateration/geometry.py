@@ -4,12 +4,14 @@ from dataclasses import dataclass
 
 import numpy as np
 import pandas as pd
+import xarray as xr
 
-from bella.arrivals import ArrivalGrid
+from bella.arrivals import NUISANCE, POSITION, ArrivalGrid
+from bella.multilateration import localise
 from bella.multilateration.cells import TOLERANCE, divide
-from bella.multilateration.likelihood import problems_of
+from bella.multilateration.likelihood import GAUSSIAN, problems_of
 from bella.multilateration.moments import Moments, moments_of
-from bella.multilateration.priors import Priors
+from bella.multilateration.priors import Noise, Priors
 from bella.multilateration.regions import Region, regions_of
 from bella.units import AU_RSUN, C_RSUN_S, R_SUN_KM
 
@@ -67,21 +69,34 @@ def table_of(grid: ArrivalGrid) -> pd.DataFrame:
             grid.sigma_s[f, i],
             grid.edge,
             *grid.receiver_rsun[f, i],
+            *(getattr(grid, name)[f, i] for name in NUISANCE),
         )
         for f in range(grid.frequency_mhz.size)
         for i, name in enumerate(grid.observatories)
     ]
-    columns = ["observatory", "frequency_mhz", "arrival_utc", "sigma_s", "edge", "x_rsun", "y_rsun", "z_rsun"]
+    columns = ["observatory", "frequency_mhz", "arrival_utc", "sigma_s", "edge", *POSITION, *NUISANCE]
     return pd.DataFrame(rows, columns=columns)
 
 
-def moments(grid: ArrivalGrid, priors: Priors = NARROW, tolerance: float = TOLERANCE) -> Moments:
-    problems = problems_of(grid, priors, 2)
+def first(grid: ArrivalGrid, **choices) -> xr.Dataset:
+    """Solution of the first frequency."""
+    return localise(table_of(grid), **({"draws": 10} | choices)).isel(frequency=0)
+
+
+def moments(
+    grid: ArrivalGrid,
+    priors: Priors = NARROW,
+    tolerance: float = TOLERANCE,
+    *,
+    dimensions: int = 2,
+    noise: Noise = GAUSSIAN,
+) -> Moments:
+    problems = problems_of(grid, priors, dimensions, noise)
     return moments_of(problems, divide(problems, tolerance=tolerance))
 
 
-def regions(grid: ArrivalGrid, priors: Priors = NARROW) -> list[Region]:
-    problems = problems_of(grid, priors, 2)
+def regions(grid: ArrivalGrid, priors: Priors = NARROW, *, dimensions: int = 2) -> list[Region]:
+    problems = problems_of(grid, priors, dimensions)
     return regions_of(problems, divide(problems))
 
 
@@ -98,7 +113,7 @@ class Brute:
     log_evidence: float
 
 
-def brute_force(grid: ArrivalGrid, priors: Priors, *, pitch: float = 0.5) -> Brute:
+def brute_force(grid: ArrivalGrid, priors: Priors, *, pitch: float = 0.5, noise: Noise = GAUSSIAN) -> Brute:
     """Posterior of the first frequency summed on a square grid of points and of speeds, each weighted by its prior.
 
     The emission time alone is integrated by hand: a Gaussian with precision W. The grid is laid over the squares of a
@@ -108,14 +123,14 @@ def brute_force(grid: ArrivalGrid, priors: Priors, *, pitch: float = 0.5) -> Bru
     axis = np.arange(-700, 700, coarse) + coarse / 2
     points = np.stack(np.meshgrid(axis, axis, indexing="ij")).reshape(2, -1)
     speeds, log_prior_v = speed_grid(priors, grid.sigma_s[0])
-    height = np.logaddexp.reduce(log_joint(points, grid, priors, speeds) + log_prior_v, axis=1)
+    height = np.logaddexp.reduce(log_joint(points, grid, priors, speeds, noise) + log_prior_v, axis=1)
     points = points[:, height > height.max() - 24]
     offset = (np.arange(8) - 3.5) * pitch
     fine = np.stack(np.meshgrid(offset, offset, indexing="ij")).reshape(2, -1)
     points = (points[:, :, None] + fine[:, None, :]).reshape(2, -1)
     joint = np.concatenate(
         [
-            log_joint(some, grid, priors, speeds) + log_prior_v
+            log_joint(some, grid, priors, speeds, noise) + log_prior_v
             for some in np.array_split(points, max(1, points.shape[1] // 2_000), axis=1)
         ]
     )
@@ -138,13 +153,30 @@ def brute_force(grid: ArrivalGrid, priors: Priors, *, pitch: float = 0.5) -> Bru
 def speed_grid(priors: Priors, sigma_s: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     # steps stay below the width of the prior, and below that of the likelihood for errors down to 7 s
     steps = 29 if priors.v_sd_c < 0.01 else 57 if sigma_s.min() > 10 else 141
-    z = np.linspace(-7, 7, steps)
-    return 1 + priors.v_sd_c * z, -0.5 * z**2 - np.log(priors.v_sd_c * np.sqrt(2 * np.pi))
+    top = min(7.0, (priors.v_max_c - 1) / priors.v_sd_c)
+    z = np.linspace(-7, top, 4 * steps if priors.is_truncated else steps)
+    log_prior = -0.5 * z**2 - np.log(priors.v_sd_c * np.sqrt(2 * np.pi)) - priors.log_share_allowed
+    if priors.is_truncated:
+        log_prior[-1] -= np.log(2)  # the trapezium rule, where the density ends at its highest
+    return 1 + priors.v_sd_c * z, log_prior
 
 
-def log_joint(points, grid: ArrivalGrid, priors: Priors, speeds) -> np.ndarray:
+def log_joint(points, grid: ArrivalGrid, priors: Priors, speeds, noise: Noise = GAUSSIAN) -> np.ndarray:
     """log p(y, x | v) of the first frequency, points x speeds."""
-    arrival, sigma, receiver = grid.arrival_s[0], grid.sigma_s[0], grid.receiver_rsun[0]
+    p, number = noise.bad_probability, len(grid.observatories)
+    sets = [()] + ([(i,) for i in range(number)] if p else [])
+    prior = np.array([np.log(p) * len(some) + np.log1p(-p) * (number - len(some)) if p else 0.0 for some in sets])
+    prior = prior - np.logaddexp.reduce(prior)
+    parts = []
+    for some, log_prior in zip(sets, prior, strict=True):
+        sigma = grid.sigma_s[0].copy()
+        sigma[list(some)] = np.hypot(sigma[list(some)], noise.bad_sd_s)
+        parts.append(log_prior + log_gaussian(points, grid, sigma, priors, speeds))
+    return np.logaddexp.reduce(parts, axis=0)
+
+
+def log_gaussian(points, grid: ArrivalGrid, sigma, priors: Priors, speeds) -> np.ndarray:
+    arrival, receiver = grid.arrival_s[0], grid.receiver_rsun[0]
     w = sigma**-2.0
     tau, half_width = priors.tau_rsun, priors.emission_half_width_s
     d = np.sqrt((points[0][:, None] - receiver[:, 0]) ** 2 + (points[1][:, None] - receiver[:, 1]) ** 2)
