@@ -15,6 +15,8 @@ from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
 from rich.table import Table
 
+from bella.cli_coverage import EPILOG as COVERAGE_EPILOG
+from bella.cli_coverage import coverage
 from bella.exceptions import BellaError, InputError
 from bella.logs import log_to
 
@@ -34,12 +36,20 @@ app = typer.Typer(
 catalogue_app = typer.Typer(help="Look into the catalogue of bursts.", no_args_is_help=True)
 app.add_typer(catalogue_app, name="catalogue")
 
+app.command(epilog=COVERAGE_EPILOG)(coverage)
+
 out, err = Console(), Console(stderr=True)
 
 Home = Annotated[
     Path | None, typer.Option(help="Folder that holds catalogue, store and figures.", show_default="bella-home")
 ]
 AsJson = Annotated[bool, typer.Option("--json", help="Print JSON instead of a table.")]
+PresetName = Annotated[
+    str, typer.Option("--preset", help="default, paper, bella-2024, free-speed, subluminal or robust.")
+]
+MethodName = Annotated[
+    str, typer.Option("--method", help="posterior (exact), nuts (sampled with PyMC) or tdoa (time differences).")
+]
 ROWS_SHOWN = 9
 
 
@@ -57,8 +67,8 @@ def main() -> None:
 @app.command(epilog="Example: bella run --event 2012-06-07 --preset bella-2024")
 def run(
     event: Annotated[str, typer.Option(help="Built-in event, by its date.")] = "2012-06-07",
-    preset: Annotated[str, typer.Option(help="default, paper or bella-2024.")] = "bella-2024",
-    method: Annotated[str, typer.Option(help="posterior (exact) or nuts (sampled with PyMC).")] = "posterior",
+    preset: PresetName = "bella-2024",
+    method: MethodName = "posterior",
     home: Home = None,
     as_json: AsJson = False,
 ) -> None:
@@ -97,9 +107,9 @@ def localise(  # noqa: PLR0913, PLR0917 - one argument per option
     arrivals: Annotated[Path, typer.Argument(help="Arrival table, CSV.")],
     output: Annotated[Path, typer.Option(help="Localisation table to write, CSV.")],
     draws: Annotated[Path | None, typer.Option(help="Zarr group to write the posterior draws to.")] = None,
-    method: Annotated[str, typer.Option(help="posterior (exact) or nuts (sampled with PyMC).")] = "posterior",
-    preset: Annotated[str, typer.Option(help="default, paper or bella-2024.")] = "default",
-    dimensions: Annotated[int, typer.Option(help="2: source in the ecliptic plane.")] = 2,
+    method: MethodName = "posterior",
+    preset: PresetName = "default",
+    dimensions: Annotated[int, typer.Option(help="2: source in the ecliptic plane. 3: anywhere in space.")] = 2,
 ) -> None:
     """Localise the bursts of an arrival table, without a catalogue."""
     from bella.arrivals import read_arrivals

@@ -15,7 +15,16 @@ from bella.cli import app
 
 README = Path(__file__).parents[1] / "README.md"
 MAKEFILE = Path(__file__).parents[1] / "Makefile"
-COMMANDS = [["run"], ["localise"], ["ephemeris"], ["serve"], ["status"], ["catalogue", "list"], ["catalogue", "show"]]
+COMMANDS = [
+    ["run"],
+    ["localise"],
+    ["coverage"],
+    ["ephemeris"],
+    ["serve"],
+    ["status"],
+    ["catalogue", "list"],
+    ["catalogue", "show"],
+]
 
 
 def printed(*arguments: str) -> str:

@@ -1,7 +1,7 @@
-"""Figures: the constellation with its tracks, and the dynamic spectra with the edges that were timed.
+"""Figures: the constellation with its tracks, the dynamic spectra with the edges that were timed, the uncertainty map.
 
 The screen figures are plain dicts in plotly's JSON form, made without importing plotly; the printed ones are PNG files
-drawn with matplotlib, which is imported when one of their two functions is first asked for.
+drawn with matplotlib, which is imported when one of their functions is first asked for.
 """
 
 from importlib import import_module
@@ -14,6 +14,7 @@ from bella.plotting.script import plotly_script, plotly_version
 from bella.plotting.spectra import spectra_figure
 
 if TYPE_CHECKING:
+    from bella.plotting.coverage import write_coverage_png
     from bella.plotting.printed import write_constellation_png, write_spectra_png
 
 __all__ = [
@@ -27,11 +28,18 @@ __all__ = [
     "spectra_figure",
     "speed_remark",
     "write_constellation_png",
+    "write_coverage_png",
     "write_spectra_png",
 ]
 
+_DRAWN_IN = {
+    "write_constellation_png": "bella.plotting.printed",
+    "write_coverage_png": "bella.plotting.coverage",
+    "write_spectra_png": "bella.plotting.printed",
+}
+
 
 def __getattr__(name: str) -> Any:
-    if name in {"write_constellation_png", "write_spectra_png"}:
-        return getattr(import_module("bella.plotting.printed"), name)
+    if name in _DRAWN_IN:
+        return getattr(import_module(_DRAWN_IN[name]), name)
     raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

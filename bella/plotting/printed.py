@@ -57,7 +57,7 @@ def write_constellation_png(path: Path, tracks: Sequence[TrackView]) -> None:
     for index, track in enumerate(tracks):
         _draw_track(axes, track, track_style(track.edge, index), norm)
     _finish_constellation(figure, axes, norm)
-    _save(figure, path)
+    save_png(figure, path)
 
 
 def write_spectra_png(path: Path, spectra: xr.DataTree, arrivals: Mapping[str, pd.DataFrame | xr.Dataset]) -> None:
@@ -84,7 +84,7 @@ def write_spectra_png(path: Path, spectra: xr.DataTree, arrivals: Mapping[str, p
                 axes.plot(points.time, points.frequency_mhz, color=style.colour, lw=1.6, label=edge_name(edge))
     rows[0].set_ylim(shown_band(panels, edges.values()))
     _finish_spectra(figure, list(rows), panels)
-    _save(figure, path)
+    save_png(figure, path)
 
 
 def _draw_surroundings(axes: Axes, tracks: Sequence[TrackView]) -> None:
@@ -190,8 +190,15 @@ def _finish_spectra(figure: Figure, rows: list[Axes], panels: list[Panel]) -> No
         figure.legend(handles, labels, loc="outside upper right", fontsize=8, frameon=False, ncols=2)
 
 
-def _save(figure: Figure, path: Path) -> None:
-    """Write beside the target, then rename."""
+def save_png(figure: Figure, path: Path) -> None:
+    """Write a figure beside the target, then rename: the file appears whole or not at all.
+
+    Parameters
+    ----------
+    figure : matplotlib.figure.Figure
+    path : Path
+        Its folder is made when it does not exist.
+    """
     path.parent.mkdir(parents=True, exist_ok=True)
     handle, name = tempfile.mkstemp(suffix=".png", prefix=f".{path.stem}-", dir=path.parent)
     os.close(handle)
