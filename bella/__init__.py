@@ -4,4 +4,4 @@ The rooms of this package hold the science and nothing of the service around it:
 Prefect nor FastAPI. Data flow one way: spectra, bursts, arrivals, localisations, track, record.
 """
 
-__version__ = "0.1.0"
+__version__ = "0.2.0"
