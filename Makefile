@@ -3,7 +3,7 @@ PYTHON ?= python3
 BIN := .venv/bin
 PIP := $(BIN)/pip --disable-pip-version-check
 
-.PHONY: help demo serve test lint bench lock clean
+.PHONY: help demo serve test acceptance lint bench lock clean
 
 help:  ## Say what can be made
 	@sed -n 's/^\([a-z]*\):.*  ## /  make \1\t/p' $(MAKEFILE_LIST) | expand -t 16
@@ -16,6 +16,9 @@ serve: .venv/runtime  ## API and pages on http://127.0.0.1:8000
 
 test: .venv/test  ## Everything that must hold, without a network
 	$(BIN)/pytest
+
+acceptance: .venv/test  ## Longer checks, such as the exact posterior against long sampling
+	$(BIN)/pytest -m acceptance
 
 lint: .venv/test  ## Style, types, and who may import whom
 	$(BIN)/ruff check .

@@ -1,0 +1,1 @@
+"""Longer checks, with a target of their own: make acceptance."""
