@@ -3,7 +3,7 @@ PYTHON ?= python3
 BIN := .venv/bin
 PIP := $(BIN)/pip --disable-pip-version-check
 
-.PHONY: help demo serve test acceptance lint bench lock clean
+.PHONY: help demo serve test acceptance lint bench calibrate lock clean
 
 help:  ## Say what can be made
 	@sed -n 's/^\([a-z]*\):.*  ## /  make \1\t/p' $(MAKEFILE_LIST) | expand -t 16
@@ -28,6 +28,9 @@ lint: .venv/test  ## Style, types, and who may import whom
 
 bench: .venv/test  ## Measure what README claims about speed
 	$(BIN)/python -m benchmarks
+
+calibrate: .venv/runtime  ## Check the posterior against 1000 simulated sources per case (ten minutes)
+	$(BIN)/bella calibrate --output docs
 
 lock:  ## Pin every dependency anew, without any registry address
 	$(PYTHON) -m venv .venv/lock && .venv/lock/bin/pip install --quiet uv

@@ -15,6 +15,8 @@ from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
 from rich.table import Table
 
+from bella.cli_calibration import EPILOG as CALIBRATE_EPILOG
+from bella.cli_calibration import calibrate
 from bella.cli_coverage import EPILOG as COVERAGE_EPILOG
 from bella.cli_coverage import coverage
 from bella.exceptions import BellaError, InputError
@@ -37,6 +39,7 @@ catalogue_app = typer.Typer(help="Look into the catalogue of bursts.", no_args_i
 app.add_typer(catalogue_app, name="catalogue")
 
 app.command(epilog=COVERAGE_EPILOG)(coverage)
+app.command(epilog=CALIBRATE_EPILOG)(calibrate)
 
 out, err = Console(), Console(stderr=True)
 

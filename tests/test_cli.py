@@ -19,6 +19,7 @@ COMMANDS = [
     ["run"],
     ["localise"],
     ["coverage"],
+    ["calibrate"],
     ["ephemeris"],
     ["serve"],
     ["status"],

@@ -1,4 +1,4 @@
-"""Figures: the constellation with its tracks, the dynamic spectra with the edges that were timed, the uncertainty map.
+"""Figures: the constellation with its tracks, the spectra with their timed edges, the uncertainty map, P-P curves.
 
 The screen figures are plain dicts in plotly's JSON form, made without importing plotly; the printed ones are PNG files
 drawn with matplotlib, which is imported when one of their functions is first asked for.
@@ -14,6 +14,7 @@ from bella.plotting.script import plotly_script, plotly_version
 from bella.plotting.spectra import spectra_figure
 
 if TYPE_CHECKING:
+    from bella.plotting.calibration import write_calibration_png
     from bella.plotting.coverage import write_coverage_png
     from bella.plotting.printed import write_constellation_png, write_spectra_png
 
@@ -27,12 +28,14 @@ __all__ = [
     "selected_regions",
     "spectra_figure",
     "speed_remark",
+    "write_calibration_png",
     "write_constellation_png",
     "write_coverage_png",
     "write_spectra_png",
 ]
 
 _DRAWN_IN = {
+    "write_calibration_png": "bella.plotting.calibration",
     "write_constellation_png": "bella.plotting.printed",
     "write_coverage_png": "bella.plotting.coverage",
     "write_spectra_png": "bella.plotting.printed",

@@ -1,0 +1,74 @@
+"""``bella calibrate`` as a user meets it."""
+
+import os
+from pathlib import Path
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+from bella.calibration import parse_verdicts, study
+from bella.cli import app
+from bella.exceptions import BellaError, InputError
+
+
+def calibrate(folder: Path, *arguments: str) -> tuple[int, str, BaseException | None]:
+    result = CliRunner().invoke(app, ["calibrate", "--output", str(folder), *arguments])
+    return result.exit_code, result.output, result.exception
+
+
+def test_table_page_and_figure(tmp_path: Path) -> None:
+    folder = tmp_path / "new" / "folder"
+    code, text, _ = calibrate(folder, "--sources", "40", "--strata", "wide, outlier")
+    assert code == 0, text
+    assert "1 of 1 strata are calibrated" in text
+    assert sorted(path.name for path in folder.iterdir()) == ["calibration.csv", "calibration.md", "calibration.png"]
+    assert (folder / "calibration.png").read_bytes().startswith(b"\x89PNG")
+    assert "bella calibrate --sources 40 --seed 1" in (folder / "calibration.md").read_text()
+    verdicts = parse_verdicts((folder / "calibration.csv").read_text())
+    assert [(one.stratum, one.passed, one.sources) for one in verdicts] == [("wide", True, 40), ("outlier", False, 40)]
+
+
+def test_failing_strata_are_named_after_everything_is_written(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    ranks = study.fractional_ranks
+    monkeypatch.setattr(study, "fractional_ranks", lambda *given: ranks(*given) ** 3)
+    _, _, error = calibrate(tmp_path, "--sources", "100", "--strata", "wide,four")
+    assert isinstance(error, BellaError)
+    assert error.exit_code == 1
+    assert str(error) == f"not calibrated: wide, four; see {tmp_path / 'calibration.md'}"
+    assert not np.any([one.passed for one in parse_verdicts((tmp_path / "calibration.csv").read_text())])
+    assert (tmp_path / "calibration.png").exists()
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["--sources", "19"], "19 sources say nothing about calibration; give --sources 20 or more"),
+        (["--strata", "far"], "stratum 'far' is not known"),
+        (["--strata", ""], "stratum '' is not known"),
+        (["--seed", "-1"], "--seed -1 is below 0"),
+    ],
+)
+def test_bad_options_are_one_line(tmp_path: Path, arguments: list[str], message: str) -> None:
+    folder = tmp_path / "none"
+    _, _, error = calibrate(folder, *arguments)
+    assert isinstance(error, InputError)
+    assert str(error).startswith(message)
+    assert "\n" not in str(error)
+    assert not folder.exists()
+
+
+def test_a_file_is_no_folder(tmp_path: Path) -> None:
+    taken = tmp_path / "taken"
+    taken.write_text("")
+    _, _, error = calibrate(taken, "--sources", "20", "--strata", "wide")
+    assert isinstance(error, InputError)
+    assert "cannot be written" in str(error)
+
+
+@pytest.mark.skipif(os.geteuid() == 0, reason="root writes everywhere")
+def test_a_folder_that_may_not_be_written_to(tmp_path: Path) -> None:
+    tmp_path.chmod(0o500)
+    _, _, error = calibrate(tmp_path, "--sources", "20", "--strata", "wide")
+    tmp_path.chmod(0o700)
+    assert isinstance(error, InputError)
