@@ -14,6 +14,7 @@ from bella.units import FloatArray
 
 COLUMNS = 5
 POINTS = 100
+COLOURS = 48
 DEPARTURE = 0.12
 """Largest difference shown where the model is the truth."""
 CURVES = {
@@ -67,10 +68,18 @@ def write_calibration_png(path: Path, panels: Sequence[Panel]) -> None:
     for axes in places[len(panels) :]:
         axes.set_axis_off()
     handles = {str(line.get_label()): line for axes in places for line in axes.get_lines()}
-    figure.legend(list(handles.values()), list(handles), loc="outside upper center", ncols=len(handles), frameon=False)
+    names = [name for name in CURVES if name in handles]
+    figure.legend(
+        [handles[name] for name in names],
+        names,
+        loc="outside upper center",
+        ncols=len(names),
+        fontsize=9,
+        frameon=False,
+    )
     figure.supxlabel("quantile of the posterior", fontsize=9)
     figure.supylabel("share of truths below, less the quantile", fontsize=9)
-    save_png(figure, path)
+    save_png(figure, path, colours=COLOURS)
 
 
 def _draw_panel(axes: Axes, panel: Panel) -> None:

@@ -14,6 +14,7 @@ from matplotlib.colors import LinearSegmentedColormap, LogNorm
 from matplotlib.dates import DateFormatter
 from matplotlib.figure import Figure
 from matplotlib.ticker import FixedLocator, FuncFormatter, NullFormatter, NullLocator
+from PIL import Image
 
 from bella.plotting.constellation import REGIONS_PER_TRACK, RINGS_AU
 from bella.plotting.geometry import (
@@ -190,7 +191,7 @@ def _finish_spectra(figure: Figure, rows: list[Axes], panels: list[Panel]) -> No
         figure.legend(handles, labels, loc="outside upper right", fontsize=8, frameon=False, ncols=2)
 
 
-def save_png(figure: Figure, path: Path) -> None:
+def save_png(figure: Figure, path: Path, *, colours: int | None = None) -> None:
     """Write a figure beside the target, then rename: the file appears whole or not at all.
 
     Parameters
@@ -198,12 +199,16 @@ def save_png(figure: Figure, path: Path) -> None:
     figure : matplotlib.figure.Figure
     path : Path
         Its folder is made when it does not exist.
+    colours : int or None
+        Keep this many colours only: line drawings become several times smaller.
     """
     path.parent.mkdir(parents=True, exist_ok=True)
     handle, name = tempfile.mkstemp(suffix=".png", prefix=f".{path.stem}-", dir=path.parent)
     os.close(handle)
     try:
         figure.savefig(name, dpi=DOTS_PER_INCH, metadata={"Software": "BELLA service"})
+        if colours is not None:
+            Image.open(name).convert("RGB").quantize(colours, dither=Image.Dither.NONE).save(name, optimize=True)
         Path(name).chmod(0o644)
         Path(name).replace(path)
     finally:
