@@ -45,9 +45,11 @@ HEADER = """
 DEPARTING = """
 ## Where it is not
 
-The model is wrong on purpose; that these fail says that the test works, and by how much regions are too small when
-the world departs from the model in this way. On Parker spirals the model of the arrival times is right and only the
-sources are not spread as the prior says: read the coverage, not the ranks.
+The truth departs from the model on purpose. What fails here says that the checks see such a departure, and the
+coverage says what it costs. Sources on Parker spirals obey the model of the arrival times and are only spread
+otherwise than the prior says. A delay that is not declared goes into the emission time before it moves the position.
+A bad arrival time among four leaves three, which fit some place whichever one is taken out: the preset `robust` then
+spreads over several places, which helps and does not cure.
 """
 
 FIGURE = """
