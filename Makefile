@@ -29,7 +29,7 @@ lint: .venv/test  ## Style, types, and who may import whom
 bench: .venv/test  ## Measure what README claims about speed
 	$(BIN)/python -m benchmarks
 
-calibrate: .venv/runtime  ## Check the posterior against 1000 simulated sources per case (ten minutes)
+calibrate: .venv/runtime  ## Check the posterior against simulated sources (8 minutes)
 	$(BIN)/bella calibrate --output docs
 
 lock:  ## Pin every dependency anew, without any registry address

@@ -22,10 +22,9 @@ case below, and the arrival times that follow are localised with the exact poste
   [arXiv:1804.06788](https://arxiv.org/abs/1804.06788)), by Kolmogorov-Smirnov and by chi-squared in {bins} bins, for
   every coordinate, the emission time, the speed, and the density at the position (Modrák et al. 2025,
   [doi:10.1214/23-BA1404](https://doi.org/10.1214/23-BA1404)), which sees regions of wrong size or shape; and
-- its highest-density regions hold the source in a share of cases between
+- its highest-density regions hold the source in a share of cases within the targets, {targets},
+  widened to where chance alone takes true regions in {sure} of {odds} runs with this number of sources:
 {accepted}
-  The targets are {targets}; they are widened to where chance alone takes true regions in
-  {sure} of {odds} runs with this number of sources.
 """
 
 DECLARED = """
@@ -104,7 +103,7 @@ def _introduction(first: Verdict, declared: Sequence[Verdict], table: str) -> st
         draws=DRAWS,
         bins=bins_of(first.sources),
         accepted="\n".join(
-            f"  - {low:.3f} and {high:.3f} ({100 * level:g} %)" for level, (low, high) in accepted.items()
+            f"  - {low:.3f} to {high:.3f} for the {100 * level:g} % region" for level, (low, high) in accepted.items()
         ),
         targets=" and ".join(f"{low:g} to {high:g}" for low, high in TARGETS.values()),
         sure=odds - 1,

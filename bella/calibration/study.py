@@ -157,5 +157,8 @@ def _density_of_draws(problems: Problems, position: FloatArray) -> FloatArray:
     """Log density at draws (B, L, D), as (B, L), a few problems at a time so that memory stays bounded."""
     parts = [slice(first, first + TOGETHER) for first in range(0, len(position), TOGETHER)]
     return np.concatenate(
-        [log_density(problems.at(some).spread(), np.moveaxis(position[some], -1, 0)) for some in parts]
+        [
+            log_density(problems.at(some).spread(), np.moveaxis(position[some].astype(np.float64), -1, 0))
+            for some in parts
+        ]
     )
