@@ -151,7 +151,7 @@ PRESETS = {
 """``default``: timing errors as measured. ``paper``: what Canizares et al. (2024) say. ``bella-2024``: what the code
 published with that paper does (half of the 60 s cadence for all receivers, speed held to 0.001 c). With the timing
 errors of the table as well: ``free-speed`` leaves the speed 0.1 c, ``subluminal`` does so below c only, and ``robust``
-survives one bad arrival time out of four."""
+allows for bad arrival times: it names one among five, and knows that there is one among four, but not always which."""
 
 
 def find_preset(name: str) -> Preset:
