@@ -18,6 +18,7 @@ from bella.arrivals import ArrivalGrid
 from bella.exceptions import ConvergenceError
 from bella.multilateration.draws import Draws
 from bella.multilateration.moments import Moments
+from bella.multilateration.predictive import predicted_arrivals
 from bella.multilateration.priors import Noise, Priors
 from bella.multilateration.regions import Region, region_of_draws
 from bella.multilateration.solution import Recipe, parameters
@@ -60,7 +61,8 @@ def nuts_posterior(grid: ArrivalGrid, recipe: Recipe, advance: Callable[[int], N
         parts.append(sample_frequency(grid, row, recipe))
         advance(1)
     draws = Draws(*(np.stack([getattr(part, name) for part in parts]) for name in Draws.__dataclass_fields__))
-    return Posterior(draws, _moments(draws, recipe.preset.priors.tau_rsun, len(grid.observatories)), _regions(draws))
+    bad = _bad_probability(grid, draws, recipe.preset.noise)
+    return Posterior(draws, _moments(draws, recipe.preset.priors.tau_rsun, bad), _regions(draws))
 
 
 def sample_frequency(grid: ArrivalGrid, row: int, recipe: Recipe) -> Draws:
@@ -237,7 +239,7 @@ def _library(name: str) -> Any:
         return import_module(name)
 
 
-def _moments(draws: Draws, tau_rsun: float, receivers: int) -> Moments:
+def _moments(draws: Draws, tau_rsun: float, bad_probability: FloatArray) -> Moments:
     covariance = np.stack([np.cov(some.T) for some in draws.position])
     radius = (draws.position**2).sum(axis=2)
     pull = [np.cov(some.T, of_it)[:-1, -1] for some, of_it in zip(draws.position, radius, strict=True)]
@@ -251,8 +253,25 @@ def _moments(draws: Draws, tau_rsun: float, receivers: int) -> Moments:
         log_evidence=np.full(len(covariance), np.nan),
         above_c=(draws.v_over_c > 1).mean(axis=1),
         prior_pull=-0.5 * np.stack(pull) / tau_rsun**2,
-        bad_probability=np.zeros((len(covariance), receivers)),
+        bad_probability=bad_probability,
     )
+
+
+def _bad_probability(grid: ArrivalGrid, draws: Draws, noise: Noise) -> FloatArray:
+    """Probability that each arrival time is bad, (F, n): that of the sets of bad ones given a draw, over the draws."""
+    sets = noise.bad_sets(len(grid.observatories))
+    if len(sets) == 1:
+        return np.zeros_like(grid.arrival_s)
+    predicted = predicted_arrivals(grid, draws.position, draws.emission_s, draws.v_over_c)
+    residual = (grid.arrival_s - grid.delay_s)[:, None] - predicted
+    stated = grid.sigma_s**2 + grid.delay_sd_s**2 + grid.offset_sd_s**2
+    variance = stated[:, None, :] + sets * noise.bad_sd_s**2
+    each = -0.5 * (residual[:, :, None, :] ** 2 / variance[:, None] + np.log(variance)[:, None])
+    odds = np.log(noise.bad_probability / (1 - noise.bad_probability)) * sets.sum(axis=1)
+    absent = (sets & ~np.isfinite(grid.arrival_s)[:, None, :]).any(axis=2)
+    log_weight = np.nansum(each, axis=3) + np.where(absent, -np.inf, odds)[:, None]
+    share = np.exp(log_weight - np.logaddexp.reduce(log_weight, axis=2)[..., None])
+    return np.asarray(share.mean(axis=1) @ sets)
 
 
 def _regions(draws: Draws) -> list[Region]:

@@ -69,7 +69,7 @@ def _thinned(draws: Draws, some: slice) -> tuple[FloatArray, FloatArray, FloatAr
 def _checked(
     grid: ArrivalGrid, draws: tuple[FloatArray, FloatArray, FloatArray], bad_probability: FloatArray
 ) -> Predictive:
-    residual = grid.arrival_s[:, None] - grid.delay_s[:, None] - _predicted(grid, *draws)
+    residual = grid.arrival_s[:, None] - grid.delay_s[:, None] - predicted_arrivals(grid, *draws)
     variance = grid.sigma_s**2 + grid.delay_sd_s**2 + grid.offset_sd_s**2
     deviation = residual / np.sqrt(variance)[:, None]
     heard = np.isfinite(grid.arrival_s)
@@ -88,8 +88,25 @@ def _without_emission(residual: FloatArray, weight: FloatArray) -> FloatArray:
     return np.asarray(residual - common[..., None])
 
 
-def _predicted(grid: ArrivalGrid, position: FloatArray, emission_s: FloatArray, v_over_c: FloatArray) -> FloatArray:
-    """Arrival times (F, N, n) of draws."""
+def predicted_arrivals(
+    grid: ArrivalGrid, position: FloatArray, emission_s: FloatArray, v_over_c: FloatArray
+) -> FloatArray:
+    """Arrival times that draws predict, without delays beyond light travel.
+
+    Parameters
+    ----------
+    grid : ArrivalGrid
+    position : ndarray, shape (F, N, D)
+        Solar radii.
+    emission_s : ndarray, shape (F, N)
+        After the reference time of the grid, s.
+    v_over_c : ndarray, shape (F, N)
+
+    Returns
+    -------
+    ndarray, shape (F, N, n)
+        After the reference time of the grid, s; NaN where a receiver is missing.
+    """
     dimensions = position.shape[2]
     offset = position[:, :, None, :] - grid.receiver_rsun[:, None, :, :dimensions]
     squared = (offset**2).sum(axis=-1) + (grid.receiver_rsun[:, None, :, dimensions:] ** 2).sum(axis=-1)

@@ -53,6 +53,7 @@ def test_sampled_and_exact_agree(name) -> None:
     np.testing.assert_allclose(sampled["v_over_c_sd"], exact["v_over_c_sd"], rtol=share)
     np.testing.assert_allclose(sampled["emission_sd_s"], exact["emission_sd_s"], rtol=share)
     np.testing.assert_allclose(sampled["above_c_probability"], exact["above_c_probability"], atol=0.04)
+    np.testing.assert_allclose(sampled["bad_probability"], exact["bad_probability"], atol=0.04)
 
 
 def test_a_model_is_compiled_once_for_all_frequencies_and_bursts() -> None:
