@@ -9,7 +9,9 @@ import yaml
 
 import bella
 from api.app import create_app
+from bella.arrivals import NUISANCE
 from bella.flags import LOCALISATION_FLAGS, TRACK_FLAGS
+from bella.multilateration import METHODS, PRESETS
 from bella.settings import Settings
 from tests.service_processes.compose import ROOT, VARIABLE, composed, services
 
@@ -54,6 +56,13 @@ def test_every_flag_is_explained_in_the_room_it_belongs_to() -> None:
     per_frequency, per_solution = (ROOT / "docs" / "quality-flags.md").read_text(encoding="utf-8").split("## Track fit")
     for flags, text in ((LOCALISATION_FLAGS, per_frequency), (TRACK_FLAGS, per_solution)):
         assert set(re.findall(r"^\| `(\w+)` \|", text, flags=re.MULTILINE)) == set(flags)
+
+
+def test_every_method_preset_and_nuisance_is_described() -> None:
+    text = (ROOT / "docs" / "localisation.md").read_text(encoding="utf-8")
+    cells = re.findall(r"^\| ((?:`[\w-]+`(?:, )?)+) \|", text, flags=re.MULTILINE)
+    named = {name for cell in cells for name in re.findall(r"`([\w-]+)`", cell)}
+    assert named == {*METHODS, *PRESETS, *NUISANCE}
 
 
 def test_every_route_stands_in_the_page_about_the_api() -> None:
