@@ -16,6 +16,7 @@ from bella.plotting.spectra import spectra_figure
 if TYPE_CHECKING:
     from bella.plotting.calibration import write_calibration_png
     from bella.plotting.coverage import write_coverage_png
+    from bella.plotting.day import write_spectrum_png
     from bella.plotting.printed import write_constellation_png, write_spectra_png
 
 __all__ = [
@@ -32,6 +33,7 @@ __all__ = [
     "write_constellation_png",
     "write_coverage_png",
     "write_spectra_png",
+    "write_spectrum_png",
 ]
 
 _DRAWN_IN = {
@@ -39,6 +41,7 @@ _DRAWN_IN = {
     "write_constellation_png": "bella.plotting.printed",
     "write_coverage_png": "bella.plotting.coverage",
     "write_spectra_png": "bella.plotting.printed",
+    "write_spectrum_png": "bella.plotting.day",
 }
 
 

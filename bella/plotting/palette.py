@@ -47,6 +47,9 @@ FREQUENCY_SCALE = "Viridis"
 INTENSITY_SCALE = [(0.0, "#12161d"), (0.35, "#3d454f"), (0.7, "#9a9a94"), (1.0, "#fbf5e4")]
 """Dark to ivory without a hue of its own, so that the coloured edges stand out on it."""
 
+BRIGHTNESS_SCALE = [(0.0, "#10131c"), (0.3, "#3b2f6b"), (0.55, "#a8446a"), (0.8, "#f0964a"), (1.0, "#fdf4c9")]
+"""Dark to ivory through violet and orange, lightness rising evenly: for spectra on which nothing else is drawn."""
+
 FREQUENCY_TICKS_MHZ = (0.02, 0.05, 0.1, 0.2, 0.5, 1.0, 2.0, 5.0, 10.0, 20.0)
 
 
