@@ -19,6 +19,8 @@ from bella.cli_calibration import EPILOG as CALIBRATE_EPILOG
 from bella.cli_calibration import calibrate
 from bella.cli_coverage import EPILOG as COVERAGE_EPILOG
 from bella.cli_coverage import coverage
+from bella.cli_ephemeris import EPILOG as EPHEMERIS_EPILOG
+from bella.cli_ephemeris import UPDATE_EPILOG, ephemeris, know_updates, update_ephemeris
 from bella.exceptions import BellaError, InputError
 from bella.logs import log_to
 
@@ -40,6 +42,8 @@ app.add_typer(catalogue_app, name="catalogue")
 
 app.command(epilog=COVERAGE_EPILOG)(coverage)
 app.command(epilog=CALIBRATE_EPILOG)(calibrate)
+app.command(epilog=EPHEMERIS_EPILOG)(ephemeris)
+app.command("update-ephemeris", epilog=UPDATE_EPILOG)(update_ephemeris)
 
 out, err = Console(), Console(stderr=True)
 
@@ -123,6 +127,7 @@ def localise(  # noqa: PLR0913, PLR0917 - one argument per option
         raise InputError(f"{draws} exists and is never overwritten; name another --draws")
     if not output.parent.is_dir():
         raise InputError(f"folder {output.parent} does not exist; make it or name another --output")
+    know_updates()
     table = read_arrivals(arrivals)
     with _progress() as bar:
         task = bar.add_task("localise", total=table["frequency_mhz"].nunique())
@@ -149,29 +154,6 @@ def localise(  # noqa: PLR0913, PLR0917 - one argument per option
     comments = {name: posterior.attrs[name] for name in kept}
     _write_whole(output, localisation_csv(localisation_records(posterior), comments))
     out.print(f"{posterior.sizes['frequency']} frequencies in {output}")
-
-
-@app.command(epilog="Example: bella ephemeris 2012-06-07T19:30")
-def ephemeris(
-    utc: Annotated[str, typer.Argument(help="Time, UTC, such as 2012-06-07T19:30.")], as_json: AsJson = False
-) -> None:
-    """Print where the spacecraft were (HEE, solar radii and degrees)."""
-    import numpy as np
-
-    from bella.spacecraft import fleet
-
-    try:
-        time = np.datetime64(utc.removesuffix("Z"), "ns")
-    except ValueError as error:
-        raise InputError(f"{utc!r} is not a time; write UTC as 2012-06-07T19:30") from error
-    rows = fleet(time).to_dict("records")
-    if as_json:
-        out.print_json(json.dumps(rows))
-        return
-    table = _table(f"Spacecraft at {utc}, HEE", *(str(name) for name in rows[0]))
-    for row in rows:
-        table.add_row(*(f"{value:.2f}" if isinstance(value, float) else str(value) for value in row.values()))
-    out.print(table)
 
 
 @app.command(epilog="Example: bella serve --port 8000")

@@ -10,10 +10,10 @@ import typer
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
 
+from bella.cli_ephemeris import instant, know_updates
 from bella.exceptions import InputError
 
 if TYPE_CHECKING:
-    import numpy as np
     import pandas as pd
     import xarray as xr
 
@@ -64,7 +64,7 @@ def coverage(  # noqa: PLR0913, PLR0917 - one argument per option
             chosen.priors,
             size=size,
             exact=exact,
-            epoch=None if at is None else _instant(at),
+            epoch=None if at is None else instant(at),
             advance=advance,
         )
     uncertainty.attrs |= {"preset": chosen.name}
@@ -150,19 +150,8 @@ def _receivers(at: str | None, positions: Path | None) -> "pd.DataFrame":
         return read_positions(positions)
     if at is None:
         raise InputError("where is the fleet? give a time with --at 2012-06-07T19:30, or a table with --positions FILE")
-    return fleet(_instant(at)).assign(sigma_s=float("nan"))
-
-
-def _instant(utc: str) -> "np.datetime64":
-    import numpy as np
-
-    try:
-        moment = np.datetime64(utc.removesuffix("Z"), "ns")
-    except ValueError as error:
-        raise InputError(f"{utc!r} is not a time; write UTC as 2012-06-07T19:30") from error
-    if np.isnat(moment):
-        raise InputError(f"{utc!r} is not a time; write UTC as 2012-06-07T19:30")
-    return moment
+    know_updates()
+    return fleet(instant(at)).assign(sigma_s=float("nan"))
 
 
 def _chosen(receivers: "pd.DataFrame", fleet: str | None, *, expected: tuple[str, ...]) -> "pd.DataFrame":

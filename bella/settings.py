@@ -33,6 +33,11 @@ class Settings(BaseSettings):
     draws: PositiveInt = Field(default=4000, description="Posterior draws kept per frequency.")
     seed: int = Field(default=20120607, description="Seed of the posterior draws; stored with every solution.")
 
+    horizons_url: str = Field(
+        default="https://ssd.jpl.nasa.gov/api/horizons.api",
+        description="Address of the service that `bella update-ephemeris` asks for positions.",
+    )
+
     @property
     def catalogue_url(self) -> str:
         """SQLAlchemy URL of the catalogue."""
@@ -57,3 +62,8 @@ class Settings(BaseSettings):
     def cache_root(self) -> Path:
         """Folder for what libraries cache (compiled models, fonts)."""
         return self.home / "cache"
+
+    @property
+    def ephemeris_extension(self) -> Path:
+        """Table of positions after the end of the packaged one; `bella update-ephemeris` writes it."""
+        return self.home / "ephemeris.nc"

@@ -7,10 +7,13 @@ import os
 
 from bella.exceptions import InputError
 from bella.settings import Settings
+from bella.spacecraft import extend_with
 
 
 def prepare(settings: Settings) -> None:
     """Point every library that writes files at the home folder, and turn off what would call home.
+
+    Positions of spacecraft go on with the table that the home folder holds, if it holds one.
 
     A variable that is set already is left as it is: an operator's choice wins.
 
@@ -43,3 +46,4 @@ def prepare(settings: Settings) -> None:
         "XDG_CONFIG_HOME": cache,
     }.items():
         os.environ.setdefault(name, str(value))
+    extend_with(settings.ephemeris_extension)

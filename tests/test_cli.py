@@ -21,6 +21,7 @@ COMMANDS = [
     ["coverage"],
     ["calibrate"],
     ["ephemeris"],
+    ["update-ephemeris"],
     ["serve"],
     ["status"],
     ["catalogue", "list"],

@@ -27,7 +27,8 @@ FIRST_SPACING_D = 16.0
 J2000_MIDNIGHT_JD = 2_451_544.5
 DAY_MS = 86_400_000
 SOURCE_NAMES = {"EARTH": "EARTH", "ACE": "ACE", "STEREO-A": "STA", "STEREO-B": "STB", "PSP": "PSP", "SOLO": "SOLO"}
-CONTACT_LOST_MS = int((np.datetime64("2014-10-01", "ms") - np.datetime64("2000-01-01", "ms")).astype(np.int64))
+REFERENCE_UTC = np.datetime64("2000-01-01", "ns")
+CONTACT_LOST_MS = int((np.datetime64("2014-10-01", "ms") - REFERENCE_UTC).astype("timedelta64[ms]").astype(np.int64))
 MILLISECONDS_UNIT = "milliseconds since 2000-01-01T00:00:00"
 
 
