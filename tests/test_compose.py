@@ -156,7 +156,8 @@ def test_example_of_env_names_every_variable_with_its_default() -> None:
     filled_in = {match["name"]: match["word"] for match in VARIABLE.finditer(FILE.read_text(encoding="utf-8"))}
     assert set(named) == left_open | set(filled_in)
     for name in left_open:
-        assert float(named[name]) == Settings.model_fields[name.removeprefix("BELLA_").lower()].default
+        default = Settings.model_fields[name.removeprefix("BELLA_").lower()].default
+        assert type(default)(named[name]) == default
     assert named["BELLA_DB_PASSWORD"] == ""
     assert {named[name] for name in filled_in if name != "BELLA_DB_PASSWORD"} == {"127.0.0.1", "8000"}
 
