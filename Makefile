@@ -3,7 +3,7 @@ PYTHON ?= python3
 BIN := .venv/bin
 PIP := $(BIN)/pip --disable-pip-version-check
 
-.PHONY: help demo serve test acceptance lint bench calibrate lock clean
+.PHONY: help demo serve test acceptance fuzz lint bench calibrate lock clean
 
 help:  ## Say what can be made
 	@sed -n 's/^\([a-z]*\):.*  ## /  make \1\t/p' $(MAKEFILE_LIST) | expand -t 16
@@ -19,6 +19,9 @@ test: .venv/test  ## Everything that must hold, without a network
 
 acceptance: .venv/test  ## Longer checks, such as the exact posterior against long sampling
 	$(BIN)/pytest -m acceptance
+
+fuzz: .venv/test  ## Read thousands of damaged files (MUTATIONS=20000)
+	BELLA_MUTATIONS=$(or $(MUTATIONS),20000) $(BIN)/pytest tests/fuzz
 
 lint: .venv/test  ## Style, types, and who may import whom
 	$(BIN)/ruff check .

@@ -21,6 +21,8 @@ from bella.cli_coverage import EPILOG as COVERAGE_EPILOG
 from bella.cli_coverage import coverage
 from bella.cli_ephemeris import EPILOG as EPHEMERIS_EPILOG
 from bella.cli_ephemeris import UPDATE_EPILOG, ephemeris, know_updates, update_ephemeris
+from bella.cli_spectra import EPILOG as FORMATS_EPILOG
+from bella.cli_spectra import formats
 from bella.exceptions import BellaError, InputError
 from bella.logs import log_to
 
@@ -44,6 +46,7 @@ app.command(epilog=COVERAGE_EPILOG)(coverage)
 app.command(epilog=CALIBRATE_EPILOG)(calibrate)
 app.command(epilog=EPHEMERIS_EPILOG)(ephemeris)
 app.command("update-ephemeris", epilog=UPDATE_EPILOG)(update_ephemeris)
+app.command(epilog=FORMATS_EPILOG)(formats)
 
 out, err = Console(), Console(stderr=True)
 

@@ -22,6 +22,7 @@ COMMANDS = [
     ["calibrate"],
     ["ephemeris"],
     ["update-ephemeris"],
+    ["formats"],
     ["serve"],
     ["status"],
     ["catalogue", "list"],

@@ -13,6 +13,7 @@ from bella.arrivals import NUISANCE
 from bella.flags import LOCALISATION_FLAGS, TRACK_FLAGS
 from bella.multilateration import METHODS, PRESETS
 from bella.settings import Settings
+from bella.spectra import PRODUCTS
 from tests.service_processes.compose import ROOT, VARIABLE, composed, services
 
 DOCUMENTS = sorted([*ROOT.glob("*.md"), *(ROOT / "docs").glob("*.md")])
@@ -72,6 +73,13 @@ def test_every_route_stands_in_the_page_about_the_api() -> None:
     for route, text in described:
         if "post" in routes[route]:
             assert "`POST`" in text
+
+
+def test_every_product_stands_in_the_page_about_spectra() -> None:
+    page = (ROOT / "docs" / "spectra.md").read_text(encoding="utf-8")
+    for product in PRODUCTS:
+        verified = "yes" if product.verified else "no"
+        assert f"| {product.name} | `{product.naming}` | {product.cadence} | {product.quantity} | {verified} |" in page
 
 
 @pytest.mark.parametrize("document", DOCUMENTS, ids=lambda path: str(path.relative_to(ROOT)))

@@ -1,15 +1,24 @@
-"""Dynamic spectra: their form, their background, and those of the built-in event."""
+"""Dynamic spectra: their form, reading them from archive files, their background, and those of the built-in event."""
 
 from bella.spectra.background import Background, decibels, over_background, quiet_level
+from bella.spectra.combination import combine_receivers, join_days
 from bella.spectra.digitised import event_spectra
 from bella.spectra.dynamic_spectrum import QUANTITIES, light_curve, relative_power, sample_times, validate_spectrum
+from bella.spectra.products import PRODUCTS, Product, find_product
+from bella.spectra.reading import open_spectra
 
 __all__ = [
+    "PRODUCTS",
     "QUANTITIES",
     "Background",
+    "Product",
+    "combine_receivers",
     "decibels",
     "event_spectra",
+    "find_product",
+    "join_days",
     "light_curve",
+    "open_spectra",
     "over_background",
     "quiet_level",
     "relative_power",

@@ -1,0 +1,185 @@
+"""Joining spectra of one spacecraft: receivers side by side, days one after the other."""
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+import xarray as xr
+
+from bella.exceptions import InputError
+from bella.spectra.assembly import cadence_s, label
+from bella.spectra.dynamic_spectrum import sample_times, validate_spectrum
+
+PER_CHANNEL = ("interpolated", "sample_offset_s")
+
+
+def combine_receivers(first: xr.Dataset, second: xr.Dataset) -> xr.Dataset:
+    """Spectra of two receivers of one spacecraft as one, without inventing a sample.
+
+    Channels: where the bands overlap, the receiver with more measured channels there keeps them and the other's are
+    dropped; with as many, the upper receiver keeps them. Records: the receiver with more of them gives the time axis.
+    A record of the other joins the nearest one within half the median step, each at most one; what finds none becomes
+    a record of its own. Samples keep their times: unless both have the same time axis and none of their own, the
+    result has ``sample_time``.
+
+    Parameters
+    ----------
+    first, second : xarray.Dataset
+        Dynamic spectra of one observatory and quantity, in any order.
+
+    Returns
+    -------
+    xarray.Dataset
+        A dynamic spectrum with the channels of both.
+
+    Raises
+    ------
+    InputError
+        If they are of different observatories or quantities.
+    """
+    _same(first, second, ("observatory", "quantity"))
+    low, high = sorted((first, second), key=lambda one: (float(one["frequency"][0]), float(one["frequency"][-1])))
+    low, high = _part_bands(low, high)
+    if low.sizes["time"] == high.sizes["time"] and (low["time"].to_numpy() == high["time"].to_numpy()).all():
+        parts = _with_same_variables([low, high])
+    else:
+        parts = _with_same_variables(_on_one_axis(low, high))
+    joined = xr.concat(parts, "frequency", join="exact", combine_attrs="drop").sortby("frequency")
+    return _finish(joined, [low, high], f"{low.attrs['receiver']}+{high.attrs['receiver']}")
+
+
+def join_days(spectra: Sequence[xr.Dataset]) -> xr.Dataset:
+    """Spectra of one receiver that follow one another as one: files that end before or after midnight, or overlap.
+
+    Records that two files hold are kept once, from the file given first. Channels that a file lacks are NaN there.
+    What is relative to the background of a day (``voltage_ratio``, ``db_over_background``) stays relative to that of
+    its own day, and may step at midnight.
+
+    Parameters
+    ----------
+    spectra : sequence of xarray.Dataset
+        Dynamic spectra of one observatory, receiver and quantity, in any order.
+
+    Returns
+    -------
+    xarray.Dataset
+        A dynamic spectrum.
+
+    Raises
+    ------
+    InputError
+        If there are none, or of different observatories, receivers or quantities.
+    """
+    if not spectra:
+        raise InputError("there are no spectra to join: name at least one file")
+    for other in spectra[1:]:
+        _same(spectra[0], other, ("observatory", "receiver", "quantity"))
+    flags = _interpolated(spectra)
+    parts = _with_same_variables([one.drop_vars("interpolated", errors="ignore") for one in spectra])
+    if "sample_offset_s" in parts[0] and not all(_equal_offsets(parts[0], part) for part in parts[1:]):
+        parts = [part.assign(sample_time=sample_times(part)).drop_vars("sample_offset_s") for part in parts]
+    joined = xr.concat(
+        parts, "time", join="outer", data_vars="minimal", coords="minimal", compat="override", combine_attrs="drop"
+    )
+    joined = joined.drop_duplicates("time").sortby("time").assign(flags)
+    if "sample_time" in joined:
+        joined = joined.assign(sample_time=joined["sample_time"].fillna(joined["time"]))
+    return _finish(joined, list(spectra), str(spectra[0].attrs["receiver"]))
+
+
+def _same(first: xr.Dataset, second: xr.Dataset, names: tuple[str, ...]) -> None:
+    for name in names:
+        if first.attrs[name] != second.attrs[name]:
+            raise InputError(f"spectra of {name} {first.attrs[name]} and {second.attrs[name]} cannot be joined")
+
+
+def _part_bands(low: xr.Dataset, high: xr.Dataset) -> tuple[xr.Dataset, xr.Dataset]:
+    """The two without the channels that one of them loses to the other in the overlap."""
+    begin, end = float(high["frequency"][0]), float(low["frequency"][-1])
+    if _measured(low, begin, end) > _measured(high, begin, end):
+        return low, high.sel(frequency=(high["frequency"] > end) | (high["frequency"] < float(low["frequency"][0])))
+    return low.sel(frequency=(low["frequency"] < begin) | (low["frequency"] > float(high["frequency"][-1]))), high
+
+
+def _measured(spectrum: xr.Dataset, begin_mhz: float, end_mhz: float) -> int:
+    inside = (spectrum["frequency"] >= begin_mhz) & (spectrum["frequency"] <= end_mhz)
+    if "interpolated" in spectrum:
+        inside = inside & ~spectrum["interpolated"].astype(bool)
+    return int(inside.sum())
+
+
+def _on_one_axis(low: xr.Dataset, high: xr.Dataset) -> list[xr.Dataset]:
+    low, high = (
+        one.assign(sample_time=sample_times(one)).drop_vars("sample_offset_s", errors="ignore") for one in (low, high)
+    )
+    leader, follower = (low, high) if low.sizes["time"] >= high.sizes["time"] else (high, low)
+    partner = _partners(leader["time"].to_numpy(), follower["time"].to_numpy())
+    alone = follower["time"].to_numpy()[partner < 0]
+    axis = np.union1d(leader["time"].to_numpy(), alone)
+    leading = leader["time"].to_numpy()[np.maximum(partner, 0)]
+    moved = follower.assign_coords(time=np.where(partner < 0, follower["time"].to_numpy(), leading))
+    parts = [one.reindex(time=axis) for one in (leader, moved)]
+    return [one.assign(sample_time=one["sample_time"].fillna(one["time"])) for one in parts]
+
+
+def _partners(leader: npt.NDArray[np.datetime64], follower: npt.NDArray[np.datetime64]) -> npt.NDArray[np.intp]:
+    """Index of the leading record each following record joins; -1 where it stands alone."""
+    after = np.clip(np.searchsorted(leader, follower), 1, leader.size - 1)
+    nearest = np.where(follower - leader[after - 1] <= leader[after] - follower, after - 1, after)
+    distance_s = np.abs(follower - leader[nearest]) / np.timedelta64(1, "s")
+    partner = np.full(follower.size, -1, dtype=np.intp)
+    closest_first = np.argsort(distance_s, kind="stable")
+    closest_first = closest_first[distance_s[closest_first] <= cadence_s(leader) / 2.0]
+    _, index = np.unique(nearest[closest_first], return_index=True)
+    chosen = closest_first[index]
+    partner[chosen] = nearest[chosen]
+    return partner
+
+
+def _with_same_variables(parts: list[xr.Dataset]) -> list[xr.Dataset]:
+    """Give each part the variables of the others, with values that say nothing."""
+    if any("sample_time" in part for part in parts):
+        parts = [
+            part.assign(sample_time=sample_times(part)).drop_vars("sample_offset_s", errors="ignore") for part in parts
+        ]
+    names = {str(name): part[name].dims for part in parts for name in part.data_vars}
+    return [
+        part.assign({name: _nothing(part, name, dims) for name, dims in names.items() if name not in part})
+        for part in parts
+    ]
+
+
+def _nothing(part: xr.Dataset, name: str, dims: tuple[Any, ...]) -> xr.DataArray:
+    neutral = {"interpolated": False, "sample_offset_s": 0.0}.get(name, np.float32(np.nan))
+    shape = tuple(part.sizes[dim] for dim in dims)
+    return xr.DataArray(np.full(shape, neutral), dims=dims, coords={dim: part[dim] for dim in dims})
+
+
+def _equal_offsets(first: xr.Dataset, second: xr.Dataset) -> bool:
+    return bool(first["sample_offset_s"].equals(second["sample_offset_s"]))
+
+
+def _interpolated(spectra: Sequence[xr.Dataset]) -> dict[str, xr.DataArray]:
+    """Channels that no file measured."""
+    if not any("interpolated" in one for one in spectra):
+        return {}
+    flags = [
+        one["interpolated"] if "interpolated" in one else _nothing(one, "interpolated", ("frequency",))
+        for one in spectra
+    ]
+    frequency = np.unique(np.concatenate([flag["frequency"].to_numpy() for flag in flags]))
+    measured = [~flag.reindex(frequency=frequency, fill_value=True).astype(bool) for flag in flags]
+    return {"interpolated": ~xr.concat(measured, "file", join="exact").any("file")}
+
+
+def _finish(joined: xr.Dataset, parts: list[xr.Dataset], receiver: str) -> xr.Dataset:
+    sources = [str(name) for part in parts for name in np.atleast_1d(part.attrs["source_files"])]
+    joined["intensity"] = joined["intensity"].astype(np.float32)
+    joined.attrs = {
+        **parts[0].attrs,
+        "receiver": receiver,
+        "integration_s": max(float(part.attrs["integration_s"]) for part in parts),
+        "source_files": list(dict.fromkeys(sources)),
+    }
+    return label(validate_spectrum(joined.transpose("time", "frequency"), ", ".join(sources)))

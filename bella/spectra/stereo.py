@@ -1,0 +1,109 @@
+"""STEREO/WAVES CDFs: 1-minute averages of both spacecraft (level 2), and native cadence with directions (L3)."""
+
+import numpy as np
+import numpy.typing as npt
+import xarray as xr
+
+from bella.exceptions import InputError
+from bella.spectra.assembly import Origin, assemble
+from bella.spectra.cdf import CdfFile
+from bella.spectra.combination import combine_receivers
+
+SPACECRAFT = {"ahead": "STEREO-A", "behind": "STEREO-B"}
+BY_LETTER = {"a": "STEREO-A", "b": "STEREO-B"}
+DIRECTIONS = {
+    f"wave_{angle}_{frame}_deg": f"WAVE_{angle}_{frame}".upper()
+    for frame in ("hee", "rtn")
+    for angle in ("colatitude", "azimuth")
+} | {"source_size_deg": "SOURCE_SIZE"}
+
+
+def read_level2(cdf: CdfFile, receiver: str = "") -> tuple[xr.Dataset, ...]:
+    """STEREO-A and STEREO-B of a day at 1 minute, dB over background.
+
+    Run on the archive file of 2010-01-17. A minute without data is stored as minus the background, and becomes NaN.
+    The bands of LFR and HFR overlap at 125 to 153 kHz, where the LFR's channels are kept, as they are denser.
+
+    Parameters
+    ----------
+    cdf : CdfFile
+        The open file.
+    receiver : str
+        Not used.
+
+    Returns
+    -------
+    tuple of xarray.Dataset
+        Quantity ``db_over_background``, shape (1440, 366) each; a spacecraft without any data is left out.
+
+    Raises
+    ------
+    InputError
+        If the file is not of this product, or holds no data at all.
+    """
+    del receiver
+    time, frequency_mhz = cdf.utc("Epoch"), cdf.frequency_mhz("frequency", "kHz")
+    spectra = tuple(
+        _level2_spacecraft(cdf, name, time, frequency_mhz)
+        for name in SPACECRAFT
+        if cdf.has_records(f"avg_intens_{name}")
+    )
+    seen = tuple(one for one in spectra if np.isfinite(one["intensity"]).any())
+    if not seen:
+        raise InputError(f"{cdf.name} holds no data of either spacecraft")
+    return seen
+
+
+def _level2_spacecraft(
+    cdf: CdfFile, name: str, time: npt.NDArray[np.datetime64], frequency_mhz: np.ndarray
+) -> xr.Dataset:
+    decibel, background = cdf.numbers(f"avg_intens_{name}", 2), cdf.numbers(f"background_{name}", 2)
+    if decibel.shape != background.shape:
+        raise InputError(f"{cdf.name}: background_{name} has another shape than avg_intens_{name}")
+    decibel[decibel == -background] = np.nan
+    falls = np.flatnonzero(np.diff(frequency_mhz) < 0.0)
+    bands = [slice(None, falls[0] + 1), slice(falls[0] + 1, None)] if falls.size else [slice(None)]
+    receivers = ["LFR", "HFR"] if falls.size else ["LFR+HFR"]
+    parts = [
+        assemble(
+            Origin(SPACECRAFT[name], receiver, "db_over_background", cdf.name),
+            time,
+            frequency_mhz[band],
+            decibel[:, band],
+        )
+        for receiver, band in zip(receivers, bands, strict=True)
+    ]
+    return combine_receivers(*parts) if len(parts) == 2 else parts[0]
+
+
+def read_l3(cdf: CdfFile, receiver: str) -> tuple[xr.Dataset, ...]:
+    """LFR or HFR of one spacecraft at native cadence, flux density with the direction it came from.
+
+    Not yet run on an archive file: written to the published description of the product. The background is subtracted
+    already, so that flux may be negative where there is none. The unit of frequency is read from the file, as manual
+    and files do not agree on it.
+
+    Parameters
+    ----------
+    cdf : CdfFile
+        The open file.
+    receiver : str
+        Letter of the spacecraft and receiver, such as "a_hfr".
+
+    Returns
+    -------
+    tuple of xarray.Dataset
+        One dynamic spectrum, quantity ``flux_w_m2_hz``, with wave angles (time, frequency) where the file has them.
+
+    Raises
+    ------
+    InputError
+        If the file is not of this product.
+    """
+    letter, band = receiver.split("_")
+    extra = {name: cdf.numbers(variable, 2) for name, variable in DIRECTIONS.items() if cdf.has_records(variable)}
+    origin = Origin(BY_LETTER[letter], band.upper(), "flux_w_m2_hz", cdf.name)
+    flux, frequency_mhz = cdf.numbers("PSD_FLUX", 2), cdf.frequency_mhz("FREQUENCY", "Hz")
+    if frequency_mhz.ndim == 2:
+        frequency_mhz = frequency_mhz[0]
+    return (assemble(origin, cdf.utc("Epoch"), frequency_mhz, flux, extra),)

@@ -1,0 +1,67 @@
+"""Damaging files, and telling how a reader takes it."""
+
+import time
+import tracemalloc
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from bella.exceptions import InputError
+from bella.spectra import open_spectra, validate_spectrum
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """What became of reading a file: read or refused, after how much work of the processor and with how much memory."""
+
+    read: bool
+    seconds: float
+    peak_bytes: int
+    message: str
+
+
+def attempt(path: Path, *, memory: bool = False) -> Outcome:
+    """Read a file that may be damaged; any error but InputError is a failure of the test."""
+    if memory:
+        tracemalloc.start()
+    begin = time.process_time()
+    try:
+        for spectrum in open_spectra(path):
+            validate_spectrum(spectrum, path.name)
+        message = ""
+    except InputError as error:
+        message = str(error)
+    seconds = time.process_time() - begin
+    peak = tracemalloc.get_traced_memory()[1] if memory else 0
+    tracemalloc.stop()
+    return Outcome(not message, seconds, peak, message)
+
+
+def mutations(content: bytes, random: np.random.Generator) -> Iterator[bytes]:
+    """Damaged versions of a file without end: bytes changed, anywhere or where the structure is, or cut short."""
+    structure = structural(content)
+    while True:
+        damaged = bytearray(content)
+        for _ in range(int(random.integers(1, 9))):
+            anywhere = random.random() < 0.2
+            place = int(random.integers(len(content))) if anywhere else int(random.choice(structure))
+            value = random.choice([0, 1, 127, 128, 255, int(random.integers(256))])
+            damaged[place] = int(value)
+        if random.random() < 0.1:
+            del damaged[int(random.integers(len(damaged))) :]
+        yield bytes(damaged)
+
+
+def structural(content: bytes) -> np.ndarray:
+    """Places where a change of a byte is likely to matter: the first KiB, and 64 bytes where a record may begin.
+
+    Internal records of a CDF begin with a length of eight bytes of which the first five are zero.
+    """
+    array = np.frombuffer(content, dtype=np.uint8)
+    zero = np.convolve((array == 0).astype(int), np.ones(5, dtype=int), "valid") == 5
+    begin = np.flatnonzero(zero[:-16] & (array[: zero.size - 16] == 0))
+    begin = begin[:4000]
+    places = (begin[:, None] + np.arange(64)).ravel()
+    return np.unique(np.concatenate([np.arange(min(1024, array.size)), places[places < array.size]]))

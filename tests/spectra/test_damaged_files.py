@@ -1,0 +1,250 @@
+"""Damaged, cut and mistaken files end in one line that names file and reason, quickly and in little memory."""
+
+import gzip
+import struct
+import zlib
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from bella.exceptions import InputError
+from bella.spectra import open_spectra
+from bella.spectra.bounded import BoundedStream, inflate
+from tests.fuzz.damage import attempt
+from tests.spectra import written
+
+UTC = np.datetime64("2020-07-11T00:00:11", "ns") + np.arange(60) * np.timedelta64(16_300, "ms")
+WIND_L2 = "wi_l2_wav_rad1_20200711_v01.cdf"
+SECONDS, PEAK_BYTES = 10.0, 64 << 20
+"""Of the processor: what hangs takes for ever, what is refused takes milliseconds."""
+
+
+@pytest.fixture
+def wind_l2(tmp_path: Path) -> Path:
+    return written.write_wind_l2(tmp_path / WIND_L2, UTC, np.geomspace(20e3, 1040e3, 32), np.ones((60, 32)) * 1e-15)
+
+
+def number(content: bytearray, offset: int) -> int:
+    return int(struct.unpack_from(">q", content, offset)[0])
+
+
+def first_variable(content: bytearray) -> int:
+    return number(content, number(content, 20) + 20)
+
+
+def claim_all_records(content: bytearray) -> None:
+    struct.pack_into(">i", content, first_variable(content) + 24, 2**31 - 2)
+
+
+def claim_a_huge_descriptor(content: bytearray) -> None:
+    struct.pack_into(">q", content, first_variable(content), 2**40)
+
+
+def claim_a_negative_descriptor(content: bytearray) -> None:
+    struct.pack_into(">q", content, first_variable(content), -1)
+
+
+def let_variables_run_in_a_circle(content: bytearray) -> None:
+    struct.pack_into(">i", content, number(content, 20) + 60, 2**31 - 1)
+    struct.pack_into(">q", content, first_variable(content) + 12, first_variable(content))
+
+
+def let_the_index_point_at_itself(content: bytearray) -> None:
+    index = number(content, first_variable(content) + 28)
+    struct.pack_into(">q", content, index + 12, index)
+
+
+def claim_endless_attributes(content: bytearray) -> None:
+    struct.pack_into(">i", content, number(content, 20) + 48, 2**31 - 1)
+
+
+def claim_dimensions_of_the_file(content: bytearray) -> None:
+    struct.pack_into(">i", content, number(content, 20) + 56, 2**31 - 1)
+
+
+def claim_dimensions_of_a_variable(content: bytearray) -> None:
+    struct.pack_into(">i", content, first_variable(content) + 340, 2**31 - 1)
+
+
+def claim_a_long_pad(content: bytearray) -> None:
+    struct.pack_into(">i", content, first_variable(content) + 64, 2**31 - 1)
+
+
+def point_beyond_the_end(content: bytearray) -> None:
+    struct.pack_into(">q", content, number(content, 20) + 20, len(content) + 1000)
+
+
+@pytest.mark.parametrize(
+    "damage",
+    [
+        claim_all_records,
+        claim_a_huge_descriptor,
+        claim_a_negative_descriptor,
+        let_variables_run_in_a_circle,
+        let_the_index_point_at_itself,
+        claim_endless_attributes,
+        claim_dimensions_of_the_file,
+        claim_dimensions_of_a_variable,
+        claim_a_long_pad,
+        point_beyond_the_end,
+    ],
+)
+def test_lies_about_sizes_are_found_out(wind_l2: Path, damage: Callable[[bytearray], None]) -> None:
+    content = bytearray(wind_l2.read_bytes())
+    damage(content)
+    wind_l2.write_bytes(content)
+
+    outcome = attempt(wind_l2, memory=True)
+
+    assert outcome.message.startswith(str(wind_l2))
+    assert outcome.message.endswith("download it again")
+    assert "\n" not in outcome.message
+    assert outcome.seconds < SECONDS
+    assert outcome.peak_bytes < PEAK_BYTES
+
+
+@pytest.mark.parametrize("share", [0.0, 0.001, 0.01, 0.3, 0.7, 0.99])
+def test_a_file_cut_short_is_refused(wind_l2: Path, share: float) -> None:
+    content = wind_l2.read_bytes()
+    wind_l2.write_bytes(content[: int(share * len(content))])
+
+    with pytest.raises(InputError, match=WIND_L2):
+        open_spectra(wind_l2)
+
+
+@pytest.mark.parametrize(
+    ("name", "content", "reason"),
+    [
+        (WIND_L2, b"", "is empty"),
+        (WIND_L2, b"<!DOCTYPE html><html>404</html>", "is a web page"),
+        (WIND_L2, b"\n<html><body>", "is a web page"),
+        (WIND_L2, b"Lorem ipsum dolor", "is named after Wind/WAVES L2, but is not a CDF"),
+        ("notes.txt", b"Lorem ipsum dolor", "is of no known product: see 'bella formats'"),
+        ("x.nc", b"\x89HDF\r\n\x1a\n" + bytes(200), "cannot be read as netCDF"),
+        ("x.nc", b"CDF\x01" + b"\xff" * 200, "cannot be read as netCDF"),
+        ("wind_waves_rad1_20120607.R1", b"SR\x00\x04" + bytes(64), "records run in a circle"),
+        ("wind_waves_rad1_20120607.R1", b"SR\x00\x04\x00\x00\x00\x02\x7f\xff\xff\xff" + bytes(64), "ends early"),
+        ("wind_waves_rad1_20120607.R1", b"no save set", "but is not an IDL save set"),
+        ("wi_wa_rad1_l2_60s_20120607_v01.dat", b"\x7f\xff\xff\xff" + bytes(60), "the record at byte 0"),
+        ("wi_wa_rad1_l2_60s_20120607_v01.dat", bytes(3), "cannot be read"),
+        ("swaves_average_20120607_a_lfr.dat", b"125.0 175.0\n6.0\n", "2 frequencies, but 1 backgrounds"),
+        ("swaves_average_20120607_a_lfr.dat", b"125.0\n6.0\n   0   x.xxx\n", "cannot be read"),
+        ("swaves_average_20120607_a_lfr.dat", b"125.0\n6.0\n", "has no lines"),
+        ("swaves_average_20129907_a_lfr.dat", b"125.0\n6.0\n", "does not say of which day"),
+        ("swaves_average_20120607_a_lfr.dat", b"\xff\xfe\x00" * 40, "cannot be read"),
+    ],
+)
+def test_what_is_no_archive_file_is_refused(tmp_path: Path, name: str, content: bytes, reason: str) -> None:
+    (tmp_path / name).write_bytes(content)
+
+    with pytest.raises(InputError, match=reason) as refused:
+        open_spectra(tmp_path / name)
+
+    assert name in str(refused.value)
+    assert "\n" not in str(refused.value)
+
+
+def test_a_file_that_is_not_there_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match=r"no file and no Zarr group"):
+        open_spectra(tmp_path / "gone.cdf")
+
+
+def test_a_missing_variable_is_named(tmp_path: Path) -> None:
+    path = written.write_cdf(tmp_path / WIND_L2, WIND_L2, [("Epoch", written.TT2000, written.tt2000(UTC), True, {})])
+
+    with pytest.raises(InputError, match=r"has no variable 'FREQUENCY'"):
+        open_spectra(path)
+
+
+@pytest.mark.parametrize(("records", "channels"), [(59, 32), (60, 33)])
+def test_shapes_that_do_not_fit_are_refused(tmp_path: Path, records: int, channels: int) -> None:
+    path = tmp_path / "sta_l3_wav_hfr_20200711_v01.cdf"
+    frequency_hz = np.linspace(125e3, 16e6, channels)
+    written.write_stereo_l3(path, UTC, frequency_hz, np.ones((records, channels), dtype=np.float32), allotted=32)
+
+    with pytest.raises(InputError, match=r"shape \(\d+, \d+\), but there are 60 times and 32 frequencies"):
+        open_spectra(path)
+
+
+def test_a_file_of_unknown_identity_under_a_known_name_is_refused(tmp_path: Path) -> None:
+    path = tmp_path / WIND_L2
+    variables: list[written.Variable] = [("Epoch", written.TT2000, written.tt2000(UTC), True, {})]
+    written.write_cdf(path, "ac_h0_mfi_20200711_v01", variables)
+
+    with pytest.raises(InputError, match="it is not Wind/WAVES L2 as its name says"):
+        open_spectra(path)
+
+
+def test_a_compressed_bomb_is_not_blown_up() -> None:
+    with pytest.raises(ValueError, match="holds more than 1000 bytes"):
+        inflate(gzip.compress(bytes(10**7)), 1000)
+
+
+def test_a_whole_compressed_file_is_read(wind_l2: Path) -> None:
+    content = wind_l2.read_bytes()
+    packed = gzip.compress(content[8:])
+    record = struct.pack(">qiqqi", 32 + len(packed), 10, 0, len(content) - 8, 0) + packed
+    wind_l2.write_bytes(b"\xcd\xf3\x00\x01\xcc\xcc\x00\x01" + record)
+
+    assert open_spectra(wind_l2)[0].sizes == {"time": 60, "frequency": 32}
+
+
+@pytest.mark.parametrize("offset", [48, 52, 56, 72, 76])
+def test_a_save_set_that_claims_too_much_is_refused(tmp_path: Path, offset: int) -> None:
+    path = written.write_wind_idl(tmp_path / "wind_waves_rad1_20120607.R1", np.ones((1440, 256)), np.ones(256))
+    content = bytearray(path.read_bytes())
+    struct.pack_into(">i", content, offset, 2**30)
+    path.write_bytes(content)
+
+    outcome = attempt(path, memory=True)
+
+    assert outcome.message
+    assert outcome.peak_bytes < PEAK_BYTES
+
+
+def test_a_compressed_save_set_is_not_blown_up(tmp_path: Path) -> None:
+    packed = zlib.compress(bytes(80 << 20))
+    path = tmp_path / "wind_waves_rad1_20120607.R1"
+    path.write_bytes(b"SR\x00\x06" + struct.pack(">4I", 2, 20 + len(packed), 0, 0) + packed)
+
+    assert "holds more than" in attempt(path).message
+
+
+def test_a_file_that_may_not_be_read_is_told(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def refuse(*_: object, **__: object) -> None:
+        raise PermissionError(13, "Permission denied")
+
+    (tmp_path / WIND_L2).write_bytes(b"x")
+    monkeypatch.setattr(Path, "open", refuse)
+
+    with pytest.raises(InputError, match=r"cannot be opened .Permission denied.: check who may read it"):
+        open_spectra(tmp_path / WIND_L2)
+
+
+@pytest.mark.parametrize("magic", [b"\xcd\xf2\x60\x02\xcc\xcc\x00\x01", b"\xcd\xf3\x00\x01\x00\x00\xff\x00"])
+def test_no_other_compression_is_tried(wind_l2: Path, magic: bytes) -> None:
+    wind_l2.write_bytes(magic + wind_l2.read_bytes()[8:])
+
+    assert "compressed as a whole" in attempt(wind_l2).message
+
+
+def test_a_cdf_of_another_product_under_the_name_of_a_binary_is_refused(wind_l2: Path) -> None:
+    other = wind_l2.rename(wind_l2.with_name("wi_wa_rad1_l2_60s_20120607_v01.dat"))
+
+    with pytest.raises(InputError, match=r"named after Wind/WAVES 60 s, but holds Wind/WAVES L2 rad1"):
+        open_spectra(other)
+
+
+def test_a_stream_gives_no_more_than_the_file_has(tmp_path: Path) -> None:
+    (tmp_path / "x").write_bytes(bytes(10))
+    stream = BoundedStream((tmp_path / "x").open("rb"))
+
+    for impossible in (stream.read, lambda: stream.read(11), lambda: stream.seek(11)):
+        with pytest.raises(ValueError, match=r"claims|ends early"):
+            impossible()
+    stream.seek(8)
+    with pytest.raises(ValueError, match="ends early"):
+        stream.read(4)
+    stream.close()
