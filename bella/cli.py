@@ -21,6 +21,8 @@ from bella.cli_coverage import EPILOG as COVERAGE_EPILOG
 from bella.cli_coverage import coverage
 from bella.cli_ephemeris import EPILOG as EPHEMERIS_EPILOG
 from bella.cli_ephemeris import UPDATE_EPILOG, ephemeris, know_updates, update_ephemeris
+from bella.cli_fetch import EPILOG as FETCH_EPILOG
+from bella.cli_fetch import fetch
 from bella.cli_spectra import EPILOG as FORMATS_EPILOG
 from bella.cli_spectra import formats
 from bella.exceptions import BellaError, InputError
@@ -47,6 +49,7 @@ app.command(epilog=CALIBRATE_EPILOG)(calibrate)
 app.command(epilog=EPHEMERIS_EPILOG)(ephemeris)
 app.command("update-ephemeris", epilog=UPDATE_EPILOG)(update_ephemeris)
 app.command(epilog=FORMATS_EPILOG)(formats)
+app.command(epilog=FETCH_EPILOG)(fetch)
 
 out, err = Console(), Console(stderr=True)
 

@@ -38,6 +38,17 @@ class Settings(BaseSettings):
         description="Address of the service that `bella update-ephemeris` asks for positions.",
     )
 
+    archive: str = Field(
+        default="https://spdf.gsfc.nasa.gov",
+        description="Archive that spectra are fetched from: URL, or folder, below which pub/data is.",
+    )
+    archive_interval_s: PositiveFloat = Field(
+        default=1.0, description="Least time between two requests to the archive, s."
+    )
+    archive_timeout_s: PositiveFloat = Field(
+        default=30.0, description="Silence of the archive after which a request counts as failed, s."
+    )
+
     @property
     def catalogue_url(self) -> str:
         """SQLAlchemy URL of the catalogue."""
@@ -52,6 +63,11 @@ class Settings(BaseSettings):
     def figures_root(self) -> Path:
         """Folder of the figures, one folder per burst in it."""
         return self.home / "figures"
+
+    @property
+    def mirror_root(self) -> Path:
+        """Folder of the files fetched from the archive, in the folders of the archive."""
+        return self.home / "mirror"
 
     @property
     def incoming_root(self) -> Path:

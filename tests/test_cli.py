@@ -23,6 +23,7 @@ COMMANDS = [
     ["ephemeris"],
     ["update-ephemeris"],
     ["formats"],
+    ["fetch"],
     ["serve"],
     ["status"],
     ["catalogue", "list"],

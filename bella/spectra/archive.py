@@ -1,0 +1,272 @@
+"""The archive: which files it has of a day, and a mirror of them.
+
+There are three answers, and they are never mixed up: the file is there; the archive was asked and has no such file yet;
+the archive did not answer (:class:`~bella.exceptions.UnreachableError`). The last is not "no data" and is not kept: the
+next run asks again.
+"""
+
+from collections.abc import Callable, Iterable, Iterator
+from dataclasses import dataclass
+from datetime import date
+from pathlib import Path
+from typing import Literal
+
+from bella.exceptions import UnreachableError
+from bella.spectra.archive_datasets import DATASETS, Dataset, find_datasets
+from bella.spectra.archive_download import FileVersion, MirrorFile, download, versions
+from bella.spectra.archive_manners import Manners
+from bella.spectra.archive_sources import FolderSource, Source, open_source
+
+__all__ = [
+    "DATASETS",
+    "Archive",
+    "Dataset",
+    "DayFiles",
+    "DayInMirror",
+    "FileVersion",
+    "Manners",
+    "MirrorFile",
+    "fetch_days",
+    "find_datasets",
+    "open_archive",
+    "versions",
+]
+
+DayState = Literal["fetched", "unchanged", "replaced", "no_file_yet", "not_covered", "unreachable"]
+
+
+@dataclass(frozen=True)
+class DayFiles:
+    """What the archive has of a day.
+
+    Attributes
+    ----------
+    paths : tuple of str
+        Newest version of each file that holds a part of the day, that of the day first, relative to the root of the
+        archive. Empty: the archive lists its folder and has no file of this day.
+    due : datetime.date or None
+        Day when the file usually is, or was, there; None where the data set does not reach to this day.
+    complete : bool
+        Whether the files of neighbouring days that are needed are there too.
+    """
+
+    paths: tuple[str, ...]
+    due: date | None
+    complete: bool
+
+
+@dataclass(frozen=True)
+class DayInMirror:
+    """What became of a day of a data set.
+
+    Attributes
+    ----------
+    dataset : Dataset
+        The data set.
+    day : datetime.date
+        The day.
+    state : str
+        ``fetched``, ``unchanged`` or ``replaced``: the files are in the mirror. ``no_file_yet``: the archive has none.
+        ``not_covered``: the data set has ended, or begins later. ``unreachable``: not known, ask again.
+    files : tuple of MirrorFile
+        Files in the mirror, that of the day first.
+    due : datetime.date or None
+        Day when the file usually is there.
+    complete : bool
+        Whether the files of neighbouring days that are needed are there too.
+    message : str
+        Why the archive could not be asked; empty otherwise.
+    """
+
+    dataset: Dataset
+    day: date
+    state: DayState
+    files: tuple[MirrorFile, ...] = ()
+    due: date | None = None
+    complete: bool = False
+    message: str = ""
+
+
+class Archive:
+    """An archive as one run sees it: a folder is listed once, a file asked for once.
+
+    Parameters
+    ----------
+    source : Source
+        Where it is.
+    manners : Manners
+        Pace and patience.
+    """
+
+    def __init__(self, source: Source, manners: Manners) -> None:
+        self._source = source
+        self._manners = manners
+        self._listed: dict[str, frozenset[str] | UnreachableError | None] = {}
+        self._fetched: dict[str, MirrorFile] = {}
+
+    def find(self, dataset: Dataset, day: date) -> DayFiles:
+        """Which files hold a day.
+
+        Parameters
+        ----------
+        dataset : Dataset
+            The data set.
+        day : datetime.date
+            The day, UTC.
+
+        Returns
+        -------
+        DayFiles
+            A positive answer of the archive, also where there is no file.
+
+        Raises
+        ------
+        UnreachableError
+            If the archive did not answer, or does not have the folder of the data set at all.
+        """
+        if not dataset.covers(day):
+            return DayFiles((), None, complete=False)
+        own = self._newest(dataset, day)
+        if own is None:
+            return DayFiles((), dataset.due(day), complete=False)
+        others = [self._newest(dataset, other) for other in dataset.neighbours(day)]
+        paths = (own, *(path for path in others if path is not None))
+        return DayFiles(paths, dataset.due(day), complete=None not in others)
+
+    def fetch(self, dataset: Dataset, day: date, mirror: Path) -> DayInMirror:
+        """Bring the files of a day into a mirror.
+
+        Parameters
+        ----------
+        dataset : Dataset
+            The data set.
+        day : datetime.date
+            The day, UTC.
+        mirror : pathlib.Path
+            Folder of the mirror; it keeps the folders of the archive.
+
+        Returns
+        -------
+        DayInMirror
+            Never in state ``unreachable``.
+
+        Raises
+        ------
+        UnreachableError
+            If the archive did not answer, or gave something else than the files.
+        InputError
+            If the mirror cannot be written.
+        """
+        found = self.find(dataset, day)
+        if not found.paths:
+            return DayInMirror(dataset, day, "no_file_yet" if found.due else "not_covered", due=found.due)
+        files = tuple(self._download(path, mirror) for path in found.paths)
+        states = {file.state for file in files}
+        state: DayState = "replaced" if "replaced" in states else "fetched" if "fetched" in states else "unchanged"
+        return DayInMirror(dataset, day, state, files, found.due, found.complete)
+
+    def _download(self, path: str, mirror: Path) -> MirrorFile:
+        if path not in self._fetched:
+            self._fetched[path] = download(self._source, self._manners, path, mirror)
+        return self._fetched[path]
+
+    def _newest(self, dataset: Dataset, day: date) -> str | None:
+        """Path of the newest version, or None if the archive says that there is none."""
+        found: list[tuple[tuple[int, ...], str]] = []
+        folders = dataset.folders(day)
+        listings = {folder: self._names(folder) for folder in folders}
+        for folder, names in listings.items():
+            for name in sorted(names or ()):
+                version = dataset.version(name, day)
+                if version is not None:
+                    found.append((version, f"{folder}/{name}"))
+        if all(names is None for names in listings.values()) and not any(map(self._lacks_year, folders)):
+            raise UnreachableError(f"the archive has no folder {folders[0]}: it was moved, or --archive is wrong")
+        return max(found, key=lambda one: one[0])[1] if found else None
+
+    def _lacks_year(self, folder: str) -> bool:
+        """Whether the folder above is there and does not have this one: the year has not begun in the archive."""
+        above, _, year = folder.rpartition("/")
+        names = self._names(above)
+        return names is not None and year not in names
+
+    def _names(self, folder: str) -> frozenset[str] | None:
+        """Names in a folder; a failure is raised again for the rest of this run, not taken for an empty folder."""
+        if folder not in self._listed:
+            try:
+                self._listed[folder] = self._manners.persist(lambda: self._source.names(folder))
+            except UnreachableError as error:
+                self._listed[folder] = error
+        known = self._listed[folder]
+        if isinstance(known, UnreachableError):
+            raise known
+        return known
+
+
+def open_archive(root: str, *, timeout_s: float = 30.0, interval_s: float = 1.0) -> Archive:
+    """Open an archive; nothing is asked yet.
+
+    Parameters
+    ----------
+    root : str
+        URL or folder below which ``pub/data/...`` is.
+    timeout_s : float, optional
+        Longest silence of the archive, s.
+    interval_s : float, optional
+        Least time between two requests to an archive behind HTTP, s.
+
+    Returns
+    -------
+    Archive
+        The archive, for one run.
+
+    Raises
+    ------
+    InputError
+        If the root is neither a URL nor a folder.
+    """
+    source = open_source(root, timeout_s)
+    return Archive(source, Manners(0.0 if isinstance(source, FolderSource) else interval_s))
+
+
+def fetch_days(
+    archive: Archive,
+    datasets: Iterable[Dataset],
+    days: Iterable[date],
+    mirror: Path,
+    advance: Callable[[], None] = lambda: None,
+) -> Iterator[DayInMirror]:
+    """Bring days of several data sets into a mirror; an archive that does not answer for one does not stop the others.
+
+    Parameters
+    ----------
+    archive : Archive
+        The archive.
+    datasets : iterable of Dataset
+        Data sets.
+    days : iterable of datetime.date
+        Days, UTC.
+    mirror : pathlib.Path
+        Folder of the mirror.
+    advance : callable, optional
+        Called after each day of each data set.
+
+    Yields
+    ------
+    DayInMirror
+        By data set, then day.
+
+    Raises
+    ------
+    InputError
+        If the mirror cannot be written.
+    """
+    wanted = tuple(days)
+    for dataset in datasets:
+        for day in wanted:
+            try:
+                outcome = archive.fetch(dataset, day, mirror)
+            except UnreachableError as error:
+                outcome = DayInMirror(dataset, day, "unreachable", due=dataset.due(day), message=str(error))
+            advance()
+            yield outcome

@@ -1,0 +1,270 @@
+"""One file of the archive into the mirror: resumed, checked, renamed, and recorded with its checksum.
+
+Beside ``name`` in the mirror are hidden files: ``.name.json`` lists every version that was ever seen under this name,
+``.name.part`` is what has come of one that is not yet complete, and ``.name.part.validator`` says of which.
+"""
+
+import fcntl
+import hashlib
+import json
+import os
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import asdict, dataclass
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Literal
+
+from bella.exceptions import InputError, UnreachableError
+from bella.spectra.archive_content import complaint
+from bella.spectra.archive_manners import Manners, TryAgainError
+from bella.spectra.archive_sources import PIECE_BYTES, Reply, Source
+
+MirrorState = Literal["fetched", "unchanged", "replaced"]
+
+
+@dataclass(frozen=True)
+class FileVersion:
+    """One content that the archive gave under a name.
+
+    Attributes
+    ----------
+    sha256 : str
+        Of the content, hexadecimal.
+    size_bytes : int
+        Length of the content.
+    etag, last_modified : str
+        What the archive said of it; empty where it said nothing.
+    fetched_utc : str
+        When it came, ISO 8601.
+    """
+
+    sha256: str
+    size_bytes: int
+    etag: str = ""
+    last_modified: str = ""
+    fetched_utc: str = ""
+
+    def is_still(self, reply: Reply) -> bool:
+        """Whether a reply is about this content, as far as its headers tell."""
+        headers = reply.headers
+        if reply.status == 304:
+            return True
+        if self.etag and "etag" in headers:
+            return self.etag == headers["etag"]
+        if self.last_modified and self.last_modified != headers.get("last-modified", self.last_modified):
+            return False
+        return reply.status == 200 and headers.get("content-length") == str(self.size_bytes)
+
+
+@dataclass(frozen=True)
+class MirrorFile:
+    """A whole file in the mirror.
+
+    Attributes
+    ----------
+    path : pathlib.Path
+        Where it is.
+    sha256 : str
+        Of its content.
+    size_bytes : int
+        Length of its content.
+    state : str
+        ``fetched``: it is new; ``unchanged``: it was there; ``replaced``: the archive has changed it.
+    supersedes : str or None
+        sha256 of what it replaced.
+    """
+
+    path: Path
+    sha256: str
+    size_bytes: int
+    state: MirrorState
+    supersedes: str | None = None
+
+
+def download(source: Source, manners: Manners, path: str, mirror: Path) -> MirrorFile:
+    """Bring a file of the mirror to what the archive has.
+
+    Parameters
+    ----------
+    source : Source
+        The archive.
+    manners : Manners
+        Pace and patience.
+    path : str
+        Path below the root of the archive; it is the same below the mirror.
+    mirror : pathlib.Path
+        Folder of the mirror, made if need be.
+
+    Returns
+    -------
+    MirrorFile
+        The file, whole and checked. Until then what was there before stays in its place.
+
+    Raises
+    ------
+    UnreachableError
+        If the archive did not give the file, or gave something else; what has come is kept for the next attempt.
+    InputError
+        If the mirror cannot be written, or the path leads out of it.
+    """
+    target = mirror / path
+    if not target.resolve().is_relative_to(mirror.resolve()):
+        raise InputError(f"{path} leads out of the mirror {mirror}; correct the archive")
+    try:
+        target.parent.mkdir(parents=True, exist_ok=True)
+        with _alone(target.parent):
+            return manners.persist(lambda: _attempt(source, path, target))
+    except OSError as error:
+        reason = error.strerror or error
+        raise InputError(
+            f"mirror {target.parent} cannot be written ({reason}); make room or name another --home"
+        ) from error
+
+
+def versions(target: Path) -> list[FileVersion]:
+    """Every content that a file of the mirror has had.
+
+    Parameters
+    ----------
+    target : pathlib.Path
+        The file.
+
+    Returns
+    -------
+    list of FileVersion
+        The oldest first; empty where nothing is recorded.
+    """
+    try:
+        return [FileVersion(**entry) for entry in json.loads(_beside(target, "json").read_text(encoding="utf-8"))]
+    except FileNotFoundError:
+        return []
+    except (ValueError, TypeError):
+        # a damaged record costs another download, no more
+        return []
+
+
+@dataclass(frozen=True)
+class Partial:
+    """What has come of a file that is not complete."""
+
+    path: Path
+    validator: Path
+
+    @property
+    def headers(self) -> dict[str, str]:
+        """Request headers that ask for the rest if this is still the same file; empty where there is nothing yet."""
+        validator = self.validator.read_text(encoding="utf-8") if self.validator.exists() else ""
+        return {"Range": f"bytes={self._size}-", "If-Range": validator} if self._size and validator else {}
+
+    def receive(self, reply: Reply) -> None:
+        """Write the body of a reply, 206 behind what is there and 200 in its place, and see it to the disk."""
+        if reply.status == 206:
+            self._check_start(reply.headers.get("content-range", ""))
+        else:
+            # emptied first, named after: a crash between the two leaves nothing to resume
+            self.path.write_bytes(b"")
+            self.validator.write_text(_strong_validator(reply.headers), encoding="utf-8")
+        with self.path.open("ab") as stream:
+            for piece in iter(lambda: reply.read(PIECE_BYTES), b""):
+                stream.write(piece)
+            stream.flush()
+            os.fsync(stream.fileno())
+
+    def discard(self) -> None:
+        """Forget what has come."""
+        self.path.unlink(missing_ok=True)
+        self.validator.unlink(missing_ok=True)
+
+    @property
+    def _size(self) -> int:
+        return self.path.stat().st_size if self.path.exists() else 0
+
+    def _check_start(self, content_range: str) -> None:
+        if not self._size or not content_range.startswith(f"bytes {self._size}-"):
+            self.discard()
+            raise TryAgainError(f"the archive sent another part ({content_range or 'not said which'}) than asked for")
+
+
+def _attempt(source: Source, path: str, target: Path) -> MirrorFile:
+    partial = Partial(_beside(target, "part"), _beside(target, "part.validator"))
+    before = _sha256(target) if target.exists() else None
+    recorded = versions(target)
+    known = recorded[-1] if recorded and recorded[-1].sha256 == before else None
+    with source.ask(path, partial.headers or _conditions(known)) as reply:
+        if reply.status in {404, 410}:
+            raise UnreachableError(f"{path} is listed by the archive but not there; try again later")
+        if reply.status == 416:
+            partial.discard()
+            raise TryAgainError(f"{path} has become shorter in the archive")
+        if known and known.is_still(reply):
+            partial.discard()
+            return MirrorFile(target, known.sha256, known.size_bytes, "unchanged")
+        partial.receive(reply)
+        headers = reply.headers
+    wrong = complaint(partial.path)
+    if wrong:
+        partial.discard()
+        raise TryAgainError(f"what the archive gave as {path} is {wrong}")
+    return _place(partial, target, before, recorded, headers)
+
+
+def _place(
+    partial: Partial, target: Path, before: str | None, recorded: list[FileVersion], headers: Mapping[str, str]
+) -> MirrorFile:
+    """Rename a checked file to its name and add it to the record of what was there."""
+    now = f"{datetime.now(UTC):%Y-%m-%dT%H:%M:%SZ}"
+    about = (headers.get("etag", ""), headers.get("last-modified", ""), now)
+    new = FileVersion(_sha256(partial.path), partial.path.stat().st_size, *about)
+    if before and before not in {new.sha256, *(version.sha256 for version in recorded)}:
+        recorded = [*recorded, FileVersion(before, target.stat().st_size)]
+    partial.path.replace(target)
+    # the same content under another tag is the same version
+    kept = recorded[:-1] if recorded and recorded[-1].sha256 == new.sha256 else recorded
+    _write_record(target, [*kept, new])
+    partial.discard()
+    # a run that died after the rename has not told of the change: the record, not the file, says what was known
+    previous = before if before != new.sha256 else recorded[-1].sha256 if recorded else None
+    if previous == new.sha256:
+        return MirrorFile(target, new.sha256, new.size_bytes, "unchanged")
+    return MirrorFile(target, new.sha256, new.size_bytes, "replaced" if previous else "fetched", previous)
+
+
+def _write_record(target: Path, recorded: list[FileVersion]) -> None:
+    record, staged = _beside(target, "json"), _beside(target, "json.new")
+    staged.write_text(json.dumps([asdict(version) for version in recorded], indent=1), encoding="utf-8")
+    staged.replace(record)
+
+
+def _conditions(known: FileVersion | None) -> dict[str, str]:
+    """Request headers with which the archive need not send what is there already."""
+    if known is None:
+        return {}
+    if known.etag:
+        return {"If-None-Match": known.etag}
+    return {"If-Modified-Since": known.last_modified} if known.last_modified else {}
+
+
+def _strong_validator(headers: Mapping[str, str]) -> str:
+    etag = headers.get("etag", "")
+    return etag if etag and not etag.startswith("W/") else headers.get("last-modified", "")
+
+
+def _beside(target: Path, suffix: str) -> Path:
+    return target.with_name(f".{target.name}.{suffix}")
+
+
+def _sha256(path: Path) -> str:
+    with path.open("rb") as stream:
+        return hashlib.file_digest(stream, "sha256").hexdigest()
+
+
+@contextmanager
+def _alone(folder: Path) -> Iterator[None]:
+    """Let one process at a time write into a folder; the lock ends with the process, however that ends."""
+    descriptor = os.open(folder, os.O_RDONLY)
+    try:
+        fcntl.flock(descriptor, fcntl.LOCK_EX)
+        yield
+    finally:
+        os.close(descriptor)
