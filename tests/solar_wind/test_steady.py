@@ -1,0 +1,83 @@
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from bella.exceptions import InputError
+from bella.heliosphere import spiral_longitude_deg
+from bella.solar_wind import accelerated_speed_km_s, field_line_longitude_deg, steady_wind
+from bella.solar_wind.steady import ACCELERATION, SteadyWind
+
+
+def test_undisturbed_wind_reaches_the_published_speed_at_earth() -> None:
+    wind = steady_wind(np.full(128, 350.0))
+
+    assert wind.at(np.array([215.0]), np.array([77.0]))[0] == pytest.approx(401.202, abs=5e-4)
+    assert accelerated_speed_km_s(np.array(350.0), np.array(215.0)) == pytest.approx(401.202, abs=5e-4)
+
+
+@given(turn=st.integers(1, 127))
+def test_turning_the_boundary_turns_the_wind(turn: int) -> None:
+    boundary = 400 + 100 * np.sin(np.radians(np.arange(128) * 360 / 128))
+
+    turned = steady_wind(np.roll(boundary, turn)).speed_km_s
+
+    np.testing.assert_allclose(turned, np.roll(steady_wind(boundary).speed_km_s, turn, axis=1))
+
+
+def test_a_fast_stream_meets_slow_wind_where_theory_puts_it() -> None:
+    # ballistic: a parcel of 350 km/s drifts in longitude by Omega r / v relative to the frame of the Sun
+    boundary = np.full(720, 350.0)
+    boundary[180:190] = 352.0  # too weak to steepen
+
+    wind = steady_wind(boundary, outer_rsun=130.0)
+
+    crest = wind.longitude_deg[wind.speed_km_s[-1].argmax()]
+    mean_km_s = np.mean(accelerated_speed_km_s(np.array(350.0), wind.range_rsun))
+    expected = 92.5 + spiral_longitude_deg(np.array([101.0]), 0.0, float(mean_km_s))[0]
+    assert crest == pytest.approx(expected, abs=1.5)
+
+
+@given(low=st.floats(250, 400), high=st.floats(400, 800), width=st.integers(1, 100))
+def test_the_wind_stays_between_its_slowest_and_fastest_parcels(low: float, high: float, width: int) -> None:
+    boundary = np.full(128, low)
+    boundary[:width] = high
+
+    speed = steady_wind(boundary).speed_km_s
+
+    assert speed.min() >= low - 1e-9
+    assert speed.max() <= high * (1 + ACCELERATION) + 1e-9
+
+
+def test_field_line_of_one_speed_is_parkers_spiral() -> None:
+    grid = np.arange(30.0, 241.0)
+    wind = SteadyWind(grid, (np.arange(128) + 0.5) * 360 / 128, np.full((grid.size, 128), 400.0))
+
+    line = field_line_longitude_deg(wind, 150.3, 20.0)
+
+    expected = spiral_longitude_deg(grid, 0.0, 400.0) - spiral_longitude_deg(np.array([150.3]), 0.0, 400.0) + 20.0
+    np.testing.assert_allclose(line, expected, atol=1e-9)
+
+
+@pytest.mark.parametrize("range_rsun", [29.0, 241.0, np.nan])
+def test_point_outside_the_wind_has_no_field_line(range_rsun: float) -> None:
+    with pytest.raises(InputError, match="choose a source between them"):
+        field_line_longitude_deg(steady_wind(np.full(128, 350.0)), range_rsun, 0.0)
+
+
+@pytest.mark.parametrize(
+    ("boundary", "reason"),
+    [
+        (np.full(128, np.nan), "between 150 and 3000"),
+        (np.full(128, 20.0), "between 150 and 3000"),
+        (np.full(3, 400.0), "at least 8"),
+        (np.full((8, 8), 400.0), "at least 8"),
+    ],
+)
+def test_bad_boundary_is_refused(boundary: np.ndarray, reason: str) -> None:
+    with pytest.raises(InputError, match=reason):
+        steady_wind(boundary)
+
+
+def test_outside_the_grid_is_not_a_number() -> None:
+    assert np.isnan(steady_wind(np.full(128, 350.0)).at(np.array([10.0, 300.0]), np.zeros(2))).all()
