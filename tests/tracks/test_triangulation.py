@@ -1,0 +1,119 @@
+import numpy as np
+import pytest
+from hypothesis import assume, given
+from hypothesis import strategies as st
+from scipy.spatial.transform import Rotation
+
+from bella.exceptions import InputError
+from bella.tracks.triangulation import direction, triangulate
+
+AU = 215.0
+SOURCE = 50.0 * np.array([np.cos(np.radians(10)), np.sin(np.radians(10)), 0.0])
+PAIR_RSUN = AU * np.array([[1.0, 0, 0], [np.cos(np.radians(90)), np.sin(np.radians(90)), 0]])
+coordinate = st.floats(-200, 200)
+
+
+def at_longitudes(*degrees: float) -> np.ndarray:
+    angle = np.radians(degrees)
+    return AU * np.stack([np.cos(angle), np.sin(angle), np.zeros(len(degrees))], axis=-1)
+
+
+def test_published_axes_of_colatitude_and_azimuth() -> None:
+    found = direction(np.array([90.0, 90.0, 0.0]), np.array([0.0, 90.0, 45.0]))
+    np.testing.assert_allclose(found, [[1, 0, 0], [0, 1, 0], [0, 0, 1]], atol=1e-12)
+
+
+def test_two_lines_meet_halfway_between_their_closest_points() -> None:
+    # two skew lines by hand: along X at z = 0 and along Y at z = 2, seen from the same distance
+    receivers = np.array([[10.0, 0, 0], [0, 10.0, 2.0]])
+    towards = np.array([[-1.0, 0, 0], [0, -1.0, 0]])
+
+    found = triangulate(receivers, towards, np.ones(2))
+
+    np.testing.assert_allclose(found.position_rsun, [0, 0, 1], atol=1e-12)
+    np.testing.assert_allclose(found.miss_rsun, [1, 1])
+    assert found.flags == ()
+
+
+@given(x=coordinate, y=coordinate, z=coordinate)
+def test_exact_directions_give_the_source(x: float, y: float, z: float) -> None:
+    source = np.array([x, y, z])
+    receivers = at_longitudes(0.0, 100.0, -110.0)
+    assume(np.linalg.norm(receivers - source, axis=1).min() > 5)
+
+    found = triangulate(receivers, source - receivers, np.array([1.0, 2.0, 3.0]))
+
+    np.testing.assert_allclose(found.position_rsun, source, atol=1e-6)
+    assert found.flags == ()
+
+
+@given(seed=st.integers(0, 2**31))
+def test_turning_and_moving_the_frame_turns_and_moves_the_source(seed: int) -> None:
+    random = np.random.default_rng(seed)
+    receivers = at_longitudes(0.0, 90.0, 200.0)
+    towards = SOURCE - receivers + random.normal(0, 5, (3, 3))
+    turn, move = Rotation.random(random_state=seed).as_matrix(), random.normal(0, 100, 3)
+    sigma = np.array([1.0, 2.0, 5.0])
+
+    here, there = (
+        triangulate(receivers, towards, sigma),
+        triangulate(receivers @ turn.T + move, towards @ turn.T, sigma),
+    )
+
+    np.testing.assert_allclose(there.position_rsun, turn @ here.position_rsun + move, atol=1e-6)
+    np.testing.assert_allclose(there.covariance_rsun2, turn @ here.covariance_rsun2 @ turn.T, atol=1e-6)
+    assert there.condition_number == pytest.approx(here.condition_number)
+
+
+def test_errors_are_as_large_as_their_scatter_and_as_published() -> None:
+    # sd of x, y, z for 90 degrees between the spacecraft and 3 degrees of error: 8, 12, 7 solar radii
+    random, receivers = np.random.default_rng(3), at_longitudes(-45.0, 45.0)
+    exact = (SOURCE - receivers) / np.linalg.norm(SOURCE - receivers, axis=1)[:, None]
+    trials = [
+        triangulate(receivers, exact + random.normal(0, np.radians(3.0), (2, 3)), np.full(2, 3.0)) for _ in range(2000)
+    ]
+
+    off = np.array([trial.position_rsun - SOURCE for trial in trials])
+    inside = [found @ np.linalg.solve(t.covariance_rsun2, found) < 3.527 for t, found in zip(trials, off, strict=True)]
+    robust_sd = 0.5 * np.subtract(*np.quantile(off, [0.84, 0.16], axis=0))
+    np.testing.assert_allclose(robust_sd, [8, 12, 7], rtol=0.1)
+    assert np.mean(inside) == pytest.approx(0.68, abs=0.05)
+
+
+def test_geometry_near_the_baseline_shows_in_the_condition_number() -> None:
+    across, beside = at_longitudes(-75.0, 75.0), at_longitudes(-45.0, 45.0)
+    poor = triangulate(across, SOURCE - across, np.full(2, 3.0))
+    good = triangulate(beside, SOURCE - beside, np.full(2, 3.0))
+
+    assert poor.condition_number > 100 * good.condition_number
+    assert np.sqrt(poor.covariance_rsun2[1, 1]) > 100
+
+
+def test_parallel_lines_have_no_source() -> None:
+    found = triangulate(PAIR_RSUN, np.array([[-1.0, 0, 0], [-1.0, 1e-4, 0]]), np.ones(2))
+
+    assert found.flags == ("parallel_lines",)
+    assert np.isnan(found.position_rsun).all()
+    assert np.isnan(found.covariance_rsun2).all()
+
+
+def test_source_behind_a_spacecraft_is_flagged() -> None:
+    found = triangulate(PAIR_RSUN, PAIR_RSUN - SOURCE, np.ones(2))
+
+    np.testing.assert_allclose(found.position_rsun, SOURCE, atol=1e-6)
+    assert found.flags == ("behind_spacecraft",)
+
+
+@pytest.mark.parametrize(
+    ("receivers", "towards", "sigma", "reason"),
+    [
+        (PAIR_RSUN[:1], PAIR_RSUN[:1], np.ones(1), "two spacecraft or more"),
+        (PAIR_RSUN, PAIR_RSUN[:1], np.ones(2), "are not N x 3"),
+        (PAIR_RSUN, np.zeros((2, 3)), np.ones(2), "missing or zero"),
+        (PAIR_RSUN, -PAIR_RSUN, np.array([1.0, 0.0]), "missing or zero"),
+        (PAIR_RSUN, np.full((2, 3), np.nan), np.ones(2), "missing or zero"),
+    ],
+)
+def test_bad_lines_are_refused(receivers: np.ndarray, towards: np.ndarray, sigma: np.ndarray, reason: str) -> None:
+    with pytest.raises(InputError, match=reason):
+        triangulate(receivers, towards, sigma)
