@@ -1,0 +1,122 @@
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from bella.exceptions import InputError
+from bella.heliosphere import (
+    DENSITY_MODELS,
+    beam_travel_s,
+    emission_range_rsun,
+    plasma_frequency_mhz,
+    spiral_position_rsun,
+)
+from bella.tracks.semp import SEMP_ROTATION_D, SempTimes, fit_semp, semp_residual_s
+from bella.units import AU_RSUN, C_RSUN_S
+
+PUBLISHED_LIGHT_KM_S = 3e5
+PUBLISHED_COEFFICIENT, PUBLISHED_FACTOR = 8.93e-3, 2.0
+"""MHz for one electron per cm^3, and by how much the wind is denser than the model."""
+
+
+def published_times(folder: Path, event: str) -> SempTimes:
+    rows = pd.read_csv(folder / f"semp_{event.replace('-', '')}_arrivals.csv")
+    events = pd.read_csv(folder / "semp_events.csv").query("event == @event").set_index("spacecraft")
+    place = events.loc[rows["spacecraft"]]
+    angle, distance = np.radians(place["lon_hee_deg"].to_numpy()), place["r_au"].to_numpy() * AU_RSUN
+    receiver = np.column_stack([distance * np.cos(angle), distance * np.sin(angle), np.zeros(len(rows))])
+    frequency = rows["frequency_khz"].to_numpy() / 1e3
+    coefficient = plasma_frequency_mhz(np.array(1.0))
+    same_density = frequency * coefficient / PUBLISHED_COEFFICIENT / np.sqrt(PUBLISHED_FACTOR)
+    return SempTimes(
+        rows.iloc[:, 2].to_numpy(),
+        emission_range_rsun(same_density, DENSITY_MODELS["leblanc"]),
+        receiver,
+        place["weight"].to_numpy(dtype=np.float64),
+    )
+
+
+@pytest.mark.parametrize(
+    ("event", "v_sw", "rms_s", "beam_km_s", "phi0_deg"),
+    [
+        ("2019-04-09", 300, 18.451049679, 35087.18, np.degrees(4.58272239)),
+        ("2019-04-09", 400, 18.461087183, 35010.91, np.degrees(4.57356622)),
+        ("2019-04-09", 500, 18.466562952, 34967.78, np.degrees(4.56822274)),
+        ("2019-04-09", 600, 18.469972557, 34940.35, np.degrees(4.56465367)),
+        ("2020-07-21", 300, 31.963833455, 45610.41, np.degrees(3.2109914)),
+    ],
+)
+def test_global_minima_of_the_published_events(  # noqa: PLR0917
+    reference_files: Path, event: str, v_sw: float, rms_s: float, beam_km_s: float, phi0_deg: float
+) -> None:
+    times = published_times(reference_files / "semp", event)
+
+    fit = fit_semp(times, v_sw, PUBLISHED_LIGHT_KM_S)
+
+    assert fit.rms_s == pytest.approx(rms_s, abs=1e-6)
+    assert fit.beam_speed_c * PUBLISHED_LIGHT_KM_S == pytest.approx(beam_km_s, abs=2)
+    assert fit.phi0_deg % 360 == pytest.approx(phi0_deg, abs=0.02)
+
+
+@pytest.mark.parametrize(("phi0_rad", "printed_rms_s"), [(4.51241524, 18.472689467), (4.65665676, 18.473560149)])
+def test_swarm_stopped_above_the_profile(reference_files: Path, phi0_rad: float, printed_rms_s: float) -> None:
+    times = published_times(reference_files / "semp", "2019-04-09")
+
+    residual, _ = semp_residual_s(times, np.degrees(phi0_rad), 400.0, PUBLISHED_LIGHT_KM_S)
+
+    # the swarm's release and speed are near, never better than, the exact ones at its longitude
+    assert printed_rms_s - 1e-2 < np.sqrt(np.mean(residual**2)) <= printed_rms_s
+
+
+@given(phi0=st.floats(-179, 179), speed=st.floats(0.03, 0.6), release=st.floats(-1e4, 1e4))
+def test_an_exact_burst_is_found_again(phi0: float, speed: float, release: float) -> None:
+    fit = fit_semp(exact_times(phi0, speed, release), 400.0)
+
+    assert fit.rms_s < 1e-4
+    assert fit.phi0_deg == pytest.approx(phi0, abs=1e-2)
+    assert fit.beam_speed_c == pytest.approx(speed, rel=1e-3)
+    assert fit.release_s == pytest.approx(release, abs=0.1)
+
+
+def exact_times(phi0_deg: float, speed_c: float, release_s: float) -> SempTimes:
+    range_rsun = np.tile(np.geomspace(5, 150, 12), 3)
+    angle = np.radians(np.repeat([0.0, 117.0, -117.0], 12))
+    receiver = AU_RSUN * np.column_stack([np.cos(angle), np.sin(angle), np.zeros(36)])
+    source = spiral_position_rsun(range_rsun, phi0_deg, 400.0, SEMP_ROTATION_D)
+    light_s = np.linalg.norm(source - receiver, axis=1) / C_RSUN_S
+    arrival = release_s + beam_travel_s(range_rsun, speed_c, 400.0, SEMP_ROTATION_D) + light_s
+    return SempTimes(arrival, range_rsun, receiver, np.ones(36))
+
+
+def test_times_that_run_backwards_have_no_beam_speed() -> None:
+    forward = exact_times(30.0, 0.1, 0.0)
+    backward = SempTimes(-5 * forward.arrival_s, forward.range_rsun, forward.receiver_rsun, forward.weight)
+
+    fit = fit_semp(backward, 400.0)
+
+    assert fit.flags == ("beam_speed_not_positive",)
+    assert np.isnan(fit.beam_speed_c)
+
+
+@pytest.mark.parametrize(
+    ("rows", "change", "reason"),
+    [
+        (slice(0, 3), {}, "at least 4"),
+        (slice(None), {"arrival_s": np.full(36, np.nan)}, "is missing"),
+        (slice(None), {"range_rsun": np.full(36, 20.0)}, "more than one frequency"),
+        (slice(None), {"weight": np.zeros(36)}, "above 0"),
+    ],
+)
+def test_bad_times_are_refused(rows: slice, change: dict[str, np.ndarray], reason: str) -> None:
+    good = exact_times(30.0, 0.1, 0.0)
+    columns = {name: getattr(good, name)[rows] for name in ("arrival_s", "range_rsun", "receiver_rsun", "weight")}
+    with pytest.raises(InputError, match=reason):
+        SempTimes(**(columns | change))
+
+
+def test_wind_that_stands_still_is_refused() -> None:
+    with pytest.raises(InputError, match="give a speed above 0"):
+        fit_semp(exact_times(30.0, 0.1, 0.0), 0.0)
