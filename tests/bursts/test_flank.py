@@ -1,0 +1,108 @@
+import numpy as np
+import pytest
+
+from bella.bursts.edges import half_maximum_edge
+from bella.bursts.flank import flank_edge
+from bella.simulation.light_curve import decay_s, light_curve
+
+RECEIVERS = {"60 s": (60.0, 60.0), "38 s": (38.0, 2.0), "17 s": (17.0, 2.0), "7 s": (7.0, 7.0)}
+"""Cadence and integration time, s."""
+
+
+def observed(
+    frequency_mhz: float, receiver: str, random: np.random.Generator, second_s: float = np.inf
+) -> tuple[np.ndarray, np.ndarray]:
+    """A burst of ten times the background whose half-rise is at 0, and perhaps another in its decay."""
+    cadence, integration = RECEIVERS[receiver]
+    time = np.arange(-1200.0, 1500.0, cadence) + random.uniform(0, cadence)
+    low, high = time - integration / 2, time + integration / 2
+    power = 10 * light_curve(frequency_mhz).mean(low, high)
+    if np.isfinite(second_s):
+        power += 7 * light_curve(frequency_mhz).mean(low - second_s, high - second_s)
+    return time, (1 + power) * (1 + 0.05 * random.standard_normal(time.size)) - 1
+
+
+@pytest.mark.parametrize("receiver", RECEIVERS)
+@pytest.mark.parametrize("frequency_mhz", [0.3, 1.0])
+def test_half_rise_is_timed_far_below_the_cadence(frequency_mhz: float, receiver: str) -> None:
+    random, (cadence, integration) = np.random.default_rng(11), RECEIVERS[receiver]
+    curves = [observed(frequency_mhz, receiver, random) for _ in range(25)]
+    edges = [flank_edge(time, power, cadence, frequency_mhz, integration) for time, power in curves]
+
+    off = np.array([edge.arrival_s for edge in edges])
+    pull = off / [edge.sigma_s for edge in edges]
+    assert abs(np.median(off)) < 3
+    assert 0.5 * np.subtract(*np.quantile(off, [0.84, 0.16])) < 5
+    assert np.abs(off).max() < 30
+    assert 0.4 < np.sqrt(np.mean(pull**2)) < 2.2
+
+
+def test_a_second_burst_in_the_decay_has_no_say() -> None:
+    random = np.random.default_rng(12)
+    gaps = random.uniform(2.0, 3.0, 20) * decay_s(0.3)
+    curves = [observed(0.3, "38 s", random, second_s=gap) for gap in gaps]
+
+    off = [flank_edge(time, power, 38.0, 0.3, 2.0).arrival_s for time, power in curves]
+
+    assert np.abs(off).max() < 15
+    assert abs(np.median(off)) < 3
+
+
+def test_nearer_than_the_half_maximum_where_minutes_cut_the_flank() -> None:
+    random = np.random.default_rng(13)
+    curves = [observed(1.0, "60 s", random) for _ in range(25)]
+
+    flank = np.array([flank_edge(time, power, 60.0, 1.0, 60.0).arrival_s for time, power in curves])
+    half = np.array([half_maximum_edge(time, power, 60.0).arrival_s for time, power in curves])
+
+    assert np.sqrt(np.mean(flank**2)) < 0.5 * np.sqrt(np.mean(half**2))
+
+
+def test_shift_and_gain_move_only_what_they_should() -> None:
+    time, power = observed(0.5, "38 s", np.random.default_rng(14))
+    edge = flank_edge(time, power, 38.0, 0.5, 2.0)
+
+    later = flank_edge(time + 12_345.6, power, 38.0, 0.5, 2.0)
+    louder = flank_edge(time, 10 * power, 38.0, 0.5, 2.0)
+
+    assert later.arrival_s == pytest.approx(edge.arrival_s + 12_345.6, abs=1e-4)
+    assert (louder.arrival_s, louder.sigma_s) == pytest.approx((edge.arrival_s, edge.sigma_s), abs=1e-6)
+
+
+def test_more_noise_is_a_larger_error() -> None:
+    random, quiet_s, noisy_s = np.random.default_rng(15), [], []
+    for _ in range(12):
+        time, power = observed(0.5, "17 s", random)
+        noisy = power + 1.5 * random.standard_normal(time.size)
+        quiet_s.append(flank_edge(time, power, 17.0, 0.5, 2.0).sigma_s)
+        noisy_s.append(flank_edge(time, noisy, 17.0, 0.5, 2.0).sigma_s)
+
+    assert np.median(noisy_s) > 1.5 * np.median(quiet_s)
+
+
+def test_missing_samples_far_from_the_flank_change_little_and_on_it_refuse() -> None:
+    time, power = observed(0.5, "38 s", np.random.default_rng(17))
+    whole = flank_edge(time, power, 38.0, 0.5, 2.0)
+    after, across = power.copy(), power.copy()
+    after[time > 400] = np.nan
+    across[(time > -90) & (time < 60)] = np.nan
+
+    assert flank_edge(time, after, 38.0, 0.5, 2.0) == pytest.approx(whole, abs=1e-6)
+    assert flank_edge(time, across, 38.0, 0.5, 2.0).flag != ""
+
+
+@pytest.mark.parametrize(
+    ("power", "reason"),
+    [
+        (np.full(40, np.nan), "no_samples"),
+        (np.r_[1.0, np.full(39, np.nan)], "no_samples"),
+        (np.zeros(40), "no_signal"),
+        (np.linspace(1, 0, 40), "no_flank"),
+        (np.linspace(0, 1, 40), "no_decay"),
+    ],
+)
+def test_light_curve_without_a_flank_says_why(power: np.ndarray, reason: str) -> None:
+    edge = flank_edge(np.arange(40) * 60.0, power, 60.0, 0.5, 60.0)
+
+    assert edge.flag == reason
+    assert np.isnan(edge.arrival_s)
