@@ -132,13 +132,13 @@ def _best_fit(time: FloatArray, height: FloatArray) -> OptimizeResult | None:
     high = [10.0, time[-1], span, WIDEST_H3, WIDEST_H4, 1.0]
     scale = [1.0, spacing, spacing, 0.1, 0.1, 0.1]
 
-    def residual(p: FloatArray) -> FloatArray:
+    def _residual(p: FloatArray) -> FloatArray:
         return gauss_hermite(time, p) - height
 
     fits = []
     for width in START_WIDTHS:
         start = np.clip([1.0, time[top], width * spacing, 0.1, 0.0, 0.0], low, high)
-        fits.append(least_squares(residual, start, bounds=(low, high), x_scale=scale))
+        fits.append(least_squares(_residual, start, bounds=(low, high), x_scale=scale))
     return min((fit for fit in fits if fit.success), key=lambda fit: float(fit.cost), default=None)
 
 

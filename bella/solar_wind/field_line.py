@@ -52,14 +52,14 @@ def _traced(
     """Longitudes at a run of distances away from the point, by the midpoint rule."""
     omega = np.degrees(angular_speed_rad_s(rotation_period_d)) * R_SUN_KM
 
-    def slope(at_rsun: float, at_deg: float) -> float:
+    def _slope(at_rsun: float, at_deg: float) -> float:
         return float(-omega / wind.at(np.array([at_rsun]), np.array([at_deg]))[0])
 
     longitudes = []
     for stop in stops_rsun:
         step = stop - range_rsun
-        middle_deg = longitude_deg + 0.5 * step * slope(range_rsun, longitude_deg)
-        longitude_deg += step * slope(range_rsun + 0.5 * step, middle_deg)
+        middle_deg = longitude_deg + 0.5 * step * _slope(range_rsun, longitude_deg)
+        longitude_deg += step * _slope(range_rsun + 0.5 * step, middle_deg)
         range_rsun = stop
         longitudes.append(longitude_deg)
     return np.asarray(longitudes)

@@ -146,15 +146,15 @@ def fit_semp(
     if not v_sw_km_s > 0:
         raise InputError(f"a solar wind of {v_sw_km_s:g} km/s is not one: give a speed above 0")
 
-    def rms_s(phi0_deg: float) -> float:
+    def _rms_s(phi0_deg: float) -> float:
         residual = semp_residual_s(times, phi0_deg, v_sw_km_s, light_km_s, rotation_period_d)[0]
         return float(np.sqrt(np.average(residual**2, weights=times.weight)))
 
     scanned = np.arange(-180.0, 180.0, SCAN_DEG)
-    profile = np.array([rms_s(phi0) for phi0 in scanned])
+    profile = np.array([_rms_s(phi0) for phi0 in scanned])
     start = scanned[profile.argmin()]
     best = minimize_scalar(
-        rms_s, bounds=(start - SCAN_DEG, start + SCAN_DEG), method="bounded", options={"xatol": 1e-9}
+        _rms_s, bounds=(start - SCAN_DEG, start + SCAN_DEG), method="bounded", options={"xatol": 1e-9}
     )
     release_s, slowness = semp_residual_s(times, best.x, v_sw_km_s, light_km_s, rotation_period_d)[1]
     speed = R_SUN_KM / slowness / light_km_s if slowness > 0 else float("nan")
