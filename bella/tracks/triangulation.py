@@ -19,7 +19,7 @@ BEHIND = "behind_spacecraft"
 """The point lies behind a spacecraft, seen along its direction of arrival: the angles contradict one another."""
 
 PARALLEL_CONDITION = 1e4
-"""Condition number of the normal matrix from which lines count as parallel: about one degree between two."""
+"""Condition number of the unweighted normal matrix from which lines count as parallel: about one degree between two."""
 
 ITERATIONS = 10
 NEAREST_RSUN = 1.0
@@ -90,8 +90,8 @@ def triangulate(receiver_rsun: FloatArray, towards: FloatArray, sigma_deg: Float
     """
     place, unit, sigma = _checked(receiver_rsun, towards, sigma_deg)
     across = np.eye(3) - unit[:, :, None] * unit[:, None, :]
-    weight = 1.0 / sigma**2
-    condition = float(np.linalg.cond(np.einsum("n,nij->ij", weight, across)))
+    # weights would make lines of unlike errors look parallel
+    condition = float(np.linalg.cond(across.sum(axis=0)))
     if condition > PARALLEL_CONDITION:
         nowhere = np.full((3, 3), np.nan)
         return Triangulation(nowhere[0], nowhere, condition, np.full(len(unit), np.nan), (PARALLEL,))
@@ -124,6 +124,8 @@ def _checked(
     if len(place) < 2:
         raise InputError("one line of sight does not place a source: give directions from two spacecraft or more")
     length = np.linalg.norm(toward, axis=1)
-    if not (np.isfinite(place).all() and np.isfinite(length).all() and (length > 0).all() and (sigma > 0).all()):
-        raise InputError("a position, direction or error is missing or zero: leave that spacecraft out")
+    if not (np.isfinite(sigma).all() and (sigma > 0).all()):
+        raise InputError("an error is not a finite angle above 0: leave that spacecraft out")
+    if not (np.isfinite(place).all() and np.isfinite(length).all() and (length > 0).all()):
+        raise InputError("a position or direction is missing or zero: leave that spacecraft out")
     return place, toward / length[:, None], np.radians(sigma)

@@ -97,6 +97,13 @@ def test_parallel_lines_have_no_source() -> None:
     assert np.isnan(found.covariance_rsun2).all()
 
 
+def test_unlike_errors_do_not_make_lines_parallel() -> None:
+    found = triangulate(PAIR_RSUN, SOURCE - PAIR_RSUN, np.array([1.0, 100.0]))
+
+    assert found.flags == ()
+    np.testing.assert_allclose(found.position_rsun, SOURCE, atol=1e-6)
+
+
 def test_source_behind_a_spacecraft_is_flagged() -> None:
     found = triangulate(PAIR_RSUN, PAIR_RSUN - SOURCE, np.ones(2))
 
@@ -110,7 +117,9 @@ def test_source_behind_a_spacecraft_is_flagged() -> None:
         (PAIR_RSUN[:1], PAIR_RSUN[:1], np.ones(1), "two spacecraft or more"),
         (PAIR_RSUN, PAIR_RSUN[:1], np.ones(2), "are not N x 3"),
         (PAIR_RSUN, np.zeros((2, 3)), np.ones(2), "missing or zero"),
-        (PAIR_RSUN, -PAIR_RSUN, np.array([1.0, 0.0]), "missing or zero"),
+        (PAIR_RSUN, -PAIR_RSUN, np.array([1.0, 0.0]), "not a finite angle"),
+        (PAIR_RSUN, -PAIR_RSUN, np.array([1.0, np.inf]), "not a finite angle"),
+        (PAIR_RSUN, -PAIR_RSUN, np.array([1.0, np.nan]), "not a finite angle"),
         (PAIR_RSUN, np.full((2, 3), np.nan), np.ones(2), "missing or zero"),
     ],
 )
