@@ -1,9 +1,11 @@
 """Half-rise times below the cadence, from the rising flank alone.
 
-A light curve is fitted up to one sample after its maximum: what comes later, a second burst in the decay above all,
-has no say. The shape is a Gaussian rise smeared by an exponential decay, averaged over the integration time of each
-sample; time, rise and decay run over a grid, amplitude and background are integrated out exactly, so the error of the
-time is that of its whole posterior, also where the flank falls between two samples and no slope is known.
+A light curve is fitted up to one sample after its highest sample, so a second burst in the decay has no say as long as
+it does not rise above the first; where it does, its own flank may be timed, and nothing here tells.
+
+The shape is a Gaussian rise smeared by an exponential decay, averaged over the integration time of each sample; time,
+rise and decay run over a grid, amplitude and background are integrated out exactly, so the error of the time is that
+of its whole posterior, also where the flank falls between two samples and no slope is known.
 
 The priors of rise and decay follow frequency as observed: half widths of 1.5 (f / 30 MHz)^-0.77 s within a factor 1.6
 (Reid & Kontar 2018, A&A 614, A69, doi:10.1051/0004-6361/201732298), decay times of 72 (f / MHz)^-0.97 s within 1.5

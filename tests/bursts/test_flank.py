@@ -37,7 +37,7 @@ def test_half_rise_is_timed_far_below_the_cadence(frequency_mhz: float, receiver
     assert 0.4 < np.sqrt(np.mean(pull**2)) < 2.2
 
 
-def test_a_second_burst_in_the_decay_has_no_say() -> None:
+def test_a_lower_second_burst_in_the_decay_has_no_say() -> None:
     random = np.random.default_rng(12)
     gaps = random.uniform(2.0, 3.0, 20) * decay_s(0.3)
     curves = [observed(0.3, "38 s", random, second_s=gap) for gap in gaps]
