@@ -96,14 +96,28 @@ def _crossing(time_s: FloatArray, power: FloatArray, cadence_s: float, last_belo
     maximum = power.max()
     slope = (power[last_below + 1] - power[last_below]) / interval_s
     arrival_s = time_s[last_below] + (LEVEL * maximum - power[last_below]) / slope
-    sample_error = math.hypot(_quiet_noise(power[: last_below + 1], maximum), FLUX_SCATTER * LEVEL * maximum)
+    sample_error = math.hypot(quiet_noise(power[: last_below + 1], maximum), FLUX_SCATTER * LEVEL * maximum)
     samples_on_flank = max(1.0, maximum / slope / cadence_s)
     line_error_s = cadence_s / math.sqrt(12.0) / samples_on_flank
     return Edge(float(arrival_s), math.hypot(sample_error / slope, line_error_s), "")
 
 
-def _quiet_noise(before: FloatArray, maximum: float) -> float:
-    quiet = before[before < 0.25 * maximum]
+def quiet_noise(power: FloatArray, maximum: float) -> float:
+    """Scatter of the samples below a quarter of the maximum.
+
+    Parameters
+    ----------
+    power : numpy.ndarray, shape (N,)
+        In any unit.
+    maximum : float
+        In the same unit.
+
+    Returns
+    -------
+    float
+        Standard deviation in that unit, by the median absolute deviation; 0 where too few samples are quiet.
+    """
+    quiet = power[power < 0.25 * maximum]
     if quiet.size < QUIET_SAMPLES:
         return 0.0
     return 1.4826 * float(np.median(np.abs(quiet - np.median(quiet))))

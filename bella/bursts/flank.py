@@ -7,9 +7,7 @@ The shape is a Gaussian rise smeared by an exponential decay, averaged over the 
 rise and decay run over a grid, amplitude and background are integrated out exactly, so the error of the time is that
 of its whole posterior, also where the flank falls between two samples and no slope is known.
 
-The priors of rise and decay follow frequency as observed: half widths of 1.5 (f / 30 MHz)^-0.77 s within a factor 1.6
-(Reid & Kontar 2018, A&A 614, A69, doi:10.1051/0004-6361/201732298), decay times of 72 (f / MHz)^-0.97 s within 1.5
-(Kontar et al. 2019, ApJ 884, 122, doi:10.3847/1538-4357/ab40bb).
+The priors of rise and decay are log-normal about the observed laws of :mod:`bella.bursts.widths`.
 """
 
 import math
@@ -18,14 +16,23 @@ from functools import lru_cache
 import numpy as np
 from scipy.special import log_ndtr, ndtr
 
-from bella.bursts.edges import FLUX_SCATTER, GAP, GAP_CADENCES, LEVEL, NO_FLANK, NO_SAMPLES, Edge, half_maximum_edge
+from bella.bursts.edges import (
+    FLUX_SCATTER,
+    GAP,
+    GAP_CADENCES,
+    LEVEL,
+    NO_FLANK,
+    NO_SAMPLES,
+    Edge,
+    half_maximum_edge,
+    quiet_noise,
+)
+from bella.bursts.widths import HALF_WIDTH_SD, decay_s, rise_half_width_s
 from bella.units import FloatArray
 
-RISE_30MHZ_S, RISE_POWER, RISE_SPREAD = 1.5, -0.77, 0.5
-DECAY_1MHZ_S, DECAY_POWER, DECAY_SPREAD = 72.0, -0.97, 0.4
-"""Laws of rise and decay, and the standard deviation of the logarithm about them."""
+RISE_SPREAD, DECAY_SPREAD = 0.5, 0.4
+"""Standard deviations of the logarithms of rise and decay about their laws."""
 
-HALF_WIDTH_SD = math.sqrt(2 * math.log(2))
 SPREADS = (-2.0, -1.5, -1.0, -0.5, 0.0, 0.5, 1.0, 1.5, 2.0)
 """Nodes of rise and decay, in standard deviations of their priors."""
 
@@ -34,33 +41,33 @@ RISES_BEFORE = 8.0
 """How much of the background before the flank is fitted with it, in half widths of the rise."""
 
 SHAPE_ERROR = 0.04
-"""By how much of its maximum a real light curve departs from the fitted shape and from the nodes of the grid."""
+"""Share of a sample by which a light curve may depart from the fitted shape and from the nodes of the grid."""
 
 FEWEST = 4
 SAMPLES_AFTER_PEAK = 1
 
 
 @lru_cache(maxsize=4096)
-def _landmarks(rise_s: float, decay_s: float) -> tuple[float, float]:
+def _landmarks(sd_s: float, tail_s: float) -> tuple[float, float]:
     """Height of the smeared Gaussian at its maximum, 1/s, and when it has risen to half of that, s."""
-    time = np.linspace(-4 * rise_s, 4 * rise_s + 2 * decay_s, 4001)
-    density = np.gradient(_integral(time, rise_s, decay_s), time)
+    time = np.linspace(-4 * sd_s, 4 * sd_s + 2 * tail_s, 4001)
+    density = np.gradient(_integral(time, sd_s, tail_s), time)
     top = int(density.argmax())
     return float(density[top]), float(np.interp(LEVEL * density[top], density[: top + 1], time[: top + 1]))
 
 
-def _integral(time_s: FloatArray, sd_s: float, decay_s: float) -> FloatArray:
+def _integral(time_s: FloatArray, sd_s: float, tail_s: float) -> FloatArray:
     """Running integral of a Gaussian smeared by an exponential, 0 to 1."""
     x = time_s / sd_s
-    smeared = np.exp(np.minimum(0.5 * (sd_s / decay_s) ** 2 - time_s / decay_s + log_ndtr(x - sd_s / decay_s), 0.0))
+    smeared = np.exp(np.minimum(0.5 * (sd_s / tail_s) ** 2 - time_s / tail_s + log_ndtr(x - sd_s / tail_s), 0.0))
     return np.asarray(ndtr(x) - smeared)
 
 
-def _samples(after_s: FloatArray, integration_s: float, sd_s: float, decay_s: float) -> FloatArray:
+def _samples(after_s: FloatArray, integration_s: float, sd_s: float, tail_s: float) -> FloatArray:
     """Mean of the curve of maximum 1 over samples whose middles are so long after the half-rise."""
-    height, half_s = _landmarks(sd_s, decay_s)
+    height, half_s = _landmarks(sd_s, tail_s)
     low, high = after_s + half_s - 0.5 * integration_s, after_s + half_s + 0.5 * integration_s
-    return np.asarray((_integral(high, sd_s, decay_s) - _integral(low, sd_s, decay_s)) / (integration_s * height))
+    return np.asarray((_integral(high, sd_s, tail_s) - _integral(low, sd_s, tail_s)) / (integration_s * height))
 
 
 def _flank(time_s: FloatArray, power: FloatArray, before_s: float) -> slice:
@@ -72,10 +79,9 @@ def _flank(time_s: FloatArray, power: FloatArray, before_s: float) -> slice:
 
 def _sample_error(power: FloatArray) -> FloatArray:
     """Noise of the quiet samples, and a share of the signal."""
-    quiet = power[power < 0.25 * power.max()]
-    noise = 1.4826 * np.median(np.abs(quiet - np.median(quiet))) if quiet.size >= FEWEST else 0.0
+    maximum = float(power.max())
     relative = np.hypot(FLUX_SCATTER, SHAPE_ERROR)
-    return np.asarray(np.hypot(max(float(noise), 1e-3 * float(power.max())), relative * np.maximum(power, 0.0)))
+    return np.asarray(np.hypot(max(quiet_noise(power, maximum), 1e-3 * maximum), relative * np.maximum(power, 0.0)))
 
 
 def _log_evidence(shape: FloatArray, power: FloatArray, error: FloatArray) -> FloatArray:
@@ -98,8 +104,8 @@ def _posterior(
     layers = []
     for of_rise in SPREADS:
         for of_decay in SPREADS:
-            rise = RISE_30MHZ_S * (frequency_mhz / 30.0) ** RISE_POWER * math.exp(of_rise * RISE_SPREAD)
-            decay = DECAY_1MHZ_S * frequency_mhz**DECAY_POWER * math.exp(of_decay * DECAY_SPREAD)
+            rise = rise_half_width_s(frequency_mhz) * math.exp(of_rise * RISE_SPREAD)
+            decay = decay_s(frequency_mhz) * math.exp(of_decay * DECAY_SPREAD)
             shape = _samples(after, integration_s, rise / HALF_WIDTH_SD, decay)
             layers.append(_log_evidence(shape, power, error) - 0.5 * (of_rise**2 + of_decay**2))
     log = np.array(layers)
@@ -134,7 +140,7 @@ def flank_edge(
         return first_guess
     known = np.isfinite(power)
     time, height = time_s[known], power[known] / np.nanmax(power)
-    rise = RISE_30MHZ_S * (frequency_mhz / 30.0) ** RISE_POWER
+    rise = rise_half_width_s(frequency_mhz)
     flank = _flank(time, height, max(RISES_BEFORE * rise, FEWEST * cadence_s) + rise)
     time, height = time[flank], height[flank]
     if time.size < FEWEST:

@@ -1,9 +1,7 @@
 """Light curve of a burst in one channel: a Gaussian rise smeared by a decay, as scattering leaves it.
 
-Widths follow frequency as observed: the rise has a half width of 1.5 (f / 30 MHz)^-0.77 s (Reid & Kontar 2018, A&A
-614, A69, doi:10.1051/0004-6361/201732298), the decay a time of 72 (f / MHz)^-0.97 s (Kontar et al. 2019, ApJ 884, 122,
-doi:10.3847/1538-4357/ab40bb). The smearing kernel is a gamma distribution, so that the curve is none of those that are
-later fitted to it.
+Widths follow frequency as observed (:mod:`bella.bursts.widths`). The smearing kernel is a gamma distribution, so that
+the curve is none of those that are later fitted to it.
 """
 
 from dataclasses import dataclass
@@ -13,23 +11,13 @@ import numpy as np
 from scipy import stats
 from scipy.signal import fftconvolve
 
+from bella.bursts.widths import HALF_WIDTH_SD, decay_s, rise_half_width_s
 from bella.units import FloatArray
 
 GAMMA_SHAPE = 1.3
-HALF_WIDTH_SD = float(np.sqrt(2 * np.log(2)))
 STEPS_PER_SD = 40
 BEFORE_SD = 6.0
 DECAYS = 14.0
-
-
-def rise_half_width_s(frequency_mhz: float) -> float:
-    """Half width at half maximum of the rise, s."""
-    return float(1.5 * (frequency_mhz / 30.0) ** -0.77)
-
-
-def decay_s(frequency_mhz: float) -> float:
-    """Decay time, s."""
-    return float(72.0 * frequency_mhz**-0.97)
 
 
 @dataclass(frozen=True)

@@ -3,7 +3,8 @@ import pytest
 
 from bella.bursts.edges import half_maximum_edge
 from bella.bursts.flank import flank_edge
-from bella.simulation.light_curve import decay_s, light_curve
+from bella.bursts.widths import decay_s
+from bella.simulation.light_curve import light_curve
 
 RECEIVERS = {"60 s": (60.0, 60.0), "38 s": (38.0, 2.0), "17 s": (17.0, 2.0), "7 s": (7.0, 7.0)}
 """Cadence and integration time, s."""
