@@ -92,12 +92,13 @@ def assimilate_wind(
         raise NoDataError(f"{len(seen)} speeds in the rotation around {around_utc}: at least {FEWEST} are needed")
     prior = np.full(BINS, PRIOR_KM_S)
     boundary, sd = _gauss_newton(seen, prior, rotation_period_d)
+    wind = steady_wind(boundary, rotation_period_d=rotation_period_d)
     return WindAssimilation(
-        wind=steady_wind(boundary, rotation_period_d=rotation_period_d),
+        wind=wind,
         boundary_km_s=boundary,
         boundary_sd_km_s=sd,
-        prior_rmse_km_s=_rmse(seen, prior, rotation_period_d),
-        rmse_km_s=_rmse(seen, boundary, rotation_period_d),
+        prior_rmse_km_s=_rmse(seen, steady_wind(prior, rotation_period_d=rotation_period_d)),
+        rmse_km_s=_rmse(seen, wind),
     )
 
 
@@ -156,7 +157,7 @@ def _gauss_newton(seen: pd.DataFrame, prior: FloatArray, rotation_period_d: floa
     return boundary, np.sqrt(np.diag(covariance))
 
 
-def _rmse(seen: pd.DataFrame, boundary: FloatArray, rotation_period_d: float) -> dict[str, float]:
+def _rmse(seen: pd.DataFrame, wind: SteadyWind) -> dict[str, float]:
     """Root mean square misfit by spacecraft, km/s."""
-    off = seen["speed_km_s"] - _predicted(seen, boundary[:, None], rotation_period_d)[:, 0]
+    off = seen["speed_km_s"] - wind.at(seen["range_rsun"].to_numpy(), seen["longitude_deg"].to_numpy())
     return {str(name): float(np.sqrt((part**2).mean())) for name, part in off.groupby(seen["observatory"])}

@@ -171,12 +171,11 @@ def marched(
     range_rsun = np.arange(inner_rsun, outer_rsun + 0.5 * STEP_RSUN, STEP_RSUN)
     speed = np.empty((range_rsun.size, *boundary_km_s.shape))
     speed[0] = boundary_km_s
-    gain = _gain(range_rsun)
     for i in range(1, range_rsun.size):
         now = speed[i - 1]
         for _ in range(substeps):
             now = now + rigid_km_s / substeps * (np.roll(now, -1, axis=0) - now) / now
-        speed[i] = now * gain[i] / gain[i - 1]
+        speed[i] = accelerated_speed_km_s(now, range_rsun[i], range_rsun[i - 1])
     return range_rsun, speed
 
 
