@@ -34,9 +34,9 @@ class Triangulation:
     position_rsun : ndarray, shape (3,)
         Solar radii, in the frame of the input; NaN where the lines are parallel.
     covariance_rsun2 : ndarray, shape (3, 3)
-        From the errors of the angles alone.
+        From the errors of the angles alone, and linear in them: too narrow near the line through two spacecraft.
     condition_number : float
-        Of the normal matrix; large where the geometry is poor.
+        Of the weighted normal matrix, large where the geometry is poor; of the unweighted one for parallel lines.
     miss_rsun : ndarray, shape (N,)
         Distance of the source from each line, solar radii.
     flags : tuple of str

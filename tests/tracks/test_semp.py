@@ -12,10 +12,11 @@ from bella.heliosphere import (
     beam_travel_s,
     emission_range_rsun,
     plasma_frequency_mhz,
+    spiral_path_rsun,
     spiral_position_rsun,
 )
 from bella.tracks.semp import SEMP_ROTATION_D, SempTimes, fit_semp, semp_residual_s
-from bella.units import AU_RSUN, C_RSUN_S
+from bella.units import AU_RSUN, C_RSUN_S, R_SUN_KM
 
 PUBLISHED_LIGHT_KM_S = 3e5
 PUBLISHED_COEFFICIENT, PUBLISHED_FACTOR = 8.93e-3, 2.0
@@ -61,14 +62,24 @@ def test_global_minima_of_the_published_events(  # noqa: PLR0917
     assert fit.phi0_deg % 360 == pytest.approx(phi0_deg, abs=0.02)
 
 
-@pytest.mark.parametrize(("phi0_rad", "printed_rms_s"), [(4.51241524, 18.472689467), (4.65665676, 18.473560149)])
-def test_swarm_stopped_above_the_profile(reference_files: Path, phi0_rad: float, printed_rms_s: float) -> None:
-    times = published_times(reference_files / "semp", "2019-04-09")
+@pytest.mark.parametrize(("event", "v_sw"), [("2019-04-09", 400.0), ("2020-07-21", 300.0)])
+def test_costs_printed_with_the_published_solutions(reference_files: Path, event: str, v_sw: float) -> None:
+    folder = reference_files / "semp"
+    times = published_times(folder, event)
+    printed = pd.read_csv(folder / "semp_results.csv").query("event == @event and source == 'printed'")
+    assert len(printed) == {"2019-04-09": 2, "2020-07-21": 1}[event]
+    path = spiral_path_rsun(times.range_rsun, v_sw, SEMP_ROTATION_D)
+    origin = spiral_path_rsun(np.array(0.0), v_sw, SEMP_ROTATION_D)  # the published path begins at the centre
+    for row in printed.itertuples():
+        phi0 = np.degrees(float(row.theta0_rad))
+        least, (release_s, slowness) = semp_residual_s(times, phi0, v_sw, PUBLISHED_LIGHT_KM_S)
+        emitted_s = least + release_s + slowness * path
 
-    residual, _ = semp_residual_s(times, np.degrees(phi0_rad), 400.0, PUBLISHED_LIGHT_KM_S)
+        residual = emitted_s - float(row.t0_s) - (path - origin) * R_SUN_KM / float(row.vs_km_s)
 
-    # the swarm's release and speed are near, never better than, the exact ones at its longitude
-    assert printed_rms_s - 1e-2 < np.sqrt(np.mean(residual**2)) <= printed_rms_s
+        cost = np.sqrt(np.average(residual**2, weights=times.weight))
+        assert cost == pytest.approx(float(row.rms_s), abs=1e-6)
+        assert np.average(least**2, weights=times.weight) <= cost**2
 
 
 @given(phi0=st.floats(-179, 179), speed=st.floats(0.03, 0.6), release=st.floats(-1e4, 1e4))
