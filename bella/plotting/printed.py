@@ -180,7 +180,9 @@ def _draw_spectrum(axes: Axes, panel: Panel) -> None:
 
 def _finish_spectra(figure: Figure, rows: list[Axes], panels: list[Panel]) -> None:
     rows[0].set_yscale("log")
+    rows[0].yaxis.set_major_locator(FixedLocator(FREQUENCY_TICKS_MHZ))
     rows[0].yaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
+    rows[0].yaxis.set_minor_formatter(NullFormatter())
     rows[-1].xaxis.set_major_formatter(DateFormatter("%H:%M"))  # type: ignore[no-untyped-call]
     shown = [panel.time for panel in panels if panel.time.size]
     if shown:
