@@ -6,9 +6,9 @@ from pathlib import Path
 
 import numpy as np
 
+from bella.simulation import archive_files
 from bella.spectra import open_spectra
 from benchmarks.localisation import Row, seconds
-from tests.spectra import written
 
 RECORDS, CHANNELS = 2200, 319
 DAY = np.datetime64("2012-06-07T00:00:30", "ns")
@@ -19,7 +19,7 @@ def one_minute_day(folder: Path) -> Path:
     values = np.random.default_rng(1).gamma(2.0, 1.0, (1440, 367)).astype(np.float32)
     path = folder / "stereo_level2_swaves_20120607_v01.cdf"
     utc = DAY + np.arange(1440) * np.timedelta64(60, "s")
-    return written.write_stereo_level2(path, utc, {"ahead": values, "behind": values})
+    return archive_files.write_stereo_level2(path, utc, {"ahead": values, "behind": values})
 
 
 def native_day(folder: Path) -> Path:
@@ -29,7 +29,7 @@ def native_day(folder: Path) -> Path:
     angles = random.uniform(0.0, 180.0, flux.shape)
     utc = DAY + np.arange(RECORDS) * np.timedelta64(38_820, "ms")
     path = folder / "sta_l3_wav_hfr_20120607_v01.cdf"
-    return written.write_stereo_l3(path, utc, np.linspace(125e3, 16.025e6, CHANNELS), flux, angles=angles)
+    return archive_files.write_stereo_l3(path, utc, np.linspace(125e3, 16.025e6, CHANNELS), flux, angles)
 
 
 def peak_bytes(path: Path) -> int:

@@ -10,6 +10,7 @@ from pathlib import Path
 
 import numpy as np
 
+from bella.simulation import archive_files
 from tests.fuzz.damage import attempt, mutations
 from tests.spectra import written
 
@@ -28,10 +29,10 @@ def written_files(folder: Path) -> list[Path]:
     day = np.datetime64("2012-06-07T00:00:30", "ns") + np.arange(1440) * np.timedelta64(60, "s")
     ones = np.ones((60, 64), dtype=np.float32)
     return [
-        written.write_wind_l2(
+        archive_files.write_wind_l2(
             folder / "wi_l2_wav_rad1_20200711_v01.cdf", UTC, np.geomspace(20e3, 1e6, 32), ones[:, :32]
         ),
-        written.write_psp_l2(
+        archive_files.write_psp_l2(
             folder / "psp_fld_l2_rfs_lfr_20200721_v03.cdf",
             UTC,
             np.geomspace(1e4, 1e6, 64),
@@ -44,8 +45,12 @@ def written_files(folder: Path) -> list[Path]:
             np.repeat([1, 2, 3], 20),
             ones[:, 0],
         ),
-        written.write_solo_l3(
-            folder / "solo_L3_rpw-hfr-surv-flux_20211009_V01.cdf", UTC, np.linspace(425, 16e3, 64), ones, ones, ones * 0
+        archive_files.write_solo_l3(
+            folder / "solo_L3_rpw-hfr-surv-flux_20211009_V01.cdf",
+            archive_files.Sweeps(UTC, ones),
+            np.linspace(425, 16e3, 64),
+            ones,
+            ones * 0,
         ),
         written.write_wind_60s(
             folder / "wi_wa_rad1_l2_60s_20120607_v01.dat", day[:60], np.geomspace(20, 1e3, 32), ones[:, :32], 2

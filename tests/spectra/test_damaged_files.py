@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 from bella.exceptions import InputError
+from bella.simulation import archive_files
 from bella.spectra import open_spectra
 from bella.spectra.bounded import BoundedStream, inflate
 from tests.fuzz.damage import attempt
@@ -23,7 +24,9 @@ SECONDS, PEAK_BYTES = 10.0, 64 << 20
 
 @pytest.fixture
 def wind_l2(tmp_path: Path) -> Path:
-    return written.write_wind_l2(tmp_path / WIND_L2, UTC, np.geomspace(20e3, 1040e3, 32), np.ones((60, 32)) * 1e-15)
+    return archive_files.write_wind_l2(
+        tmp_path / WIND_L2, UTC, np.geomspace(20e3, 1040e3, 32), np.ones((60, 32)) * 1e-15
+    )
 
 
 def number(content: bytearray, offset: int) -> int:
@@ -152,7 +155,9 @@ def test_a_file_that_is_not_there_is_refused(tmp_path: Path) -> None:
 
 
 def test_a_missing_variable_is_named(tmp_path: Path) -> None:
-    path = written.write_cdf(tmp_path / WIND_L2, WIND_L2, [("Epoch", written.TT2000, written.tt2000(UTC), True, {})])
+    path = archive_files.write_cdf(
+        tmp_path / WIND_L2, WIND_L2, [("Epoch", archive_files.TT2000, archive_files.tt2000(UTC), True, {})]
+    )
 
     with pytest.raises(InputError, match=r"has no variable 'FREQUENCY'"):
         open_spectra(path)
@@ -161,8 +166,8 @@ def test_a_missing_variable_is_named(tmp_path: Path) -> None:
 @pytest.mark.parametrize(("records", "channels"), [(59, 32), (60, 33)])
 def test_shapes_that_do_not_fit_are_refused(tmp_path: Path, records: int, channels: int) -> None:
     path = tmp_path / "sta_l3_wav_hfr_20200711_v01.cdf"
-    frequency_hz = np.linspace(125e3, 16e6, channels)
-    written.write_stereo_l3(path, UTC, frequency_hz, np.ones((records, channels), dtype=np.float32), allotted=32)
+    frequency_hz = np.linspace(125e3, 16e6, 32)
+    archive_files.write_stereo_l3(path, UTC, frequency_hz, np.ones((records, channels), dtype=np.float32))
 
     with pytest.raises(InputError, match=r"shape \(\d+, \d+\), but there are 60 times and 32 frequencies"):
         open_spectra(path)
@@ -170,8 +175,8 @@ def test_shapes_that_do_not_fit_are_refused(tmp_path: Path, records: int, channe
 
 def test_a_file_of_unknown_identity_under_a_known_name_is_refused(tmp_path: Path) -> None:
     path = tmp_path / WIND_L2
-    variables: list[written.Variable] = [("Epoch", written.TT2000, written.tt2000(UTC), True, {})]
-    written.write_cdf(path, "ac_h0_mfi_20200711_v01", variables)
+    variables: list[archive_files.Variable] = [("Epoch", archive_files.TT2000, archive_files.tt2000(UTC), True, {})]
+    archive_files.write_cdf(path, "ac_h0_mfi_20200711_v01", variables)
 
     with pytest.raises(InputError, match="it is not Wind/WAVES L2 as its name says"):
         open_spectra(path)

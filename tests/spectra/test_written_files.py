@@ -8,6 +8,7 @@ import pytest
 import xarray as xr
 
 from bella.exceptions import InputError
+from bella.simulation import archive_files
 from bella.spectra import find_product, open_spectra, sample_times
 from bella.spectra.cdf import utc_of_cdf_epoch, utc_of_tt2000
 from tests.spectra import written
@@ -65,7 +66,7 @@ def test_wind_h1_flags_interpolated_channels_and_has_no_zeros(tmp_path: Path) ->
     measured = {name: np.arange(size) % 8 == 0 for name, size in sizes.items()}
 
     rad1, _, _ = open_spectra(
-        written.write_wind_h1(tmp_path / "wi_h1_wav_20120607_v01.cdf", minutes("2012-06-07"), ratio, measured)
+        archive_files.write_wind_h1(tmp_path / "wi_h1_wav_20120607_v01.cdf", minutes("2012-06-07"), ratio, measured)
     )
 
     np.testing.assert_array_equal(rad1["intensity"], ratio["RAD1"])
@@ -79,7 +80,9 @@ def test_wind_l2_drops_columns_without_data_and_is_no_civil_day(tmp_path: Path) 
     density = values(300, 32, 1e-15)
     density[5, 3] = np.nan
 
-    spectrum = only(written.write_wind_l2(tmp_path / "wi_l2_wav_rad1_20200711_v01.cdf", utc, frequency_hz, density))
+    spectrum = only(
+        archive_files.write_wind_l2(tmp_path / "wi_l2_wav_rad1_20200711_v01.cdf", utc, frequency_hz, density)
+    )
 
     assert (spectrum.attrs["receiver"], spectrum.attrs["quantity"]) == ("RAD1", "psd_v2_hz")
     np.testing.assert_array_equal(spectrum["time"], utc)
@@ -144,7 +147,7 @@ def test_stereo_level_2_picks_one_channel_where_bands_overlap(tmp_path: Path) ->
     decibel["ahead"][9] = np.nan
     path = tmp_path / "stereo_level2_swaves_20150101_v02.cdf"
 
-    ahead = only(written.write_stereo_level2(path, minutes("2015-01-01"), decibel))
+    ahead = only(archive_files.write_stereo_level2(path, minutes("2015-01-01"), decibel))
 
     kept = np.delete(np.arange(367), 48)  # the HFR's 125 kHz, among three channels of the LFR
     np.testing.assert_array_equal(ahead["intensity"], decibel["ahead"][:, kept])
@@ -153,10 +156,10 @@ def test_stereo_level_2_picks_one_channel_where_bands_overlap(tmp_path: Path) ->
 
 def test_stereo_level_2_may_lack_a_spacecraft(tmp_path: Path) -> None:
     path = tmp_path / "stereo_level2_swaves_20160101_v02.cdf"
-    written.write_stereo_level2(path, minutes("2016-01-01"), {"ahead": values(1440, 367)})
+    archive_files.write_stereo_level2(path, minutes("2016-01-01"), {"ahead": values(1440, 367)})
     assert only(path).attrs["observatory"] == "STEREO-A"
 
-    written.write_stereo_level2(path, minutes("2016-01-01"), {"ahead": np.full((1440, 367), np.nan)})
+    archive_files.write_stereo_level2(path, minutes("2016-01-01"), {"ahead": np.full((1440, 367), np.nan)})
     with pytest.raises(InputError, match="no data of either spacecraft"):
         open_spectra(path)
 
@@ -169,7 +172,10 @@ def test_stereo_l3_reads_the_unit_of_frequency(tmp_path: Path, name: str, observ
     frequency_hz, flux = np.linspace(125e3, 16.025e6, 319), values(200, 319, 1e-19)
     flux[4, 5], flux[6] = -1e-21, np.nan
 
-    spectrum = only(written.write_stereo_l3(tmp_path / f"{name}_20200711_v01.cdf", utc, frequency_hz, flux))
+    angles = np.broadcast_to(np.linspace(0, 90, 319), flux.shape)
+    path = tmp_path / f"{name}_20200711_v01.cdf"
+
+    spectrum = only(archive_files.write_stereo_l3(path, utc, frequency_hz, flux, angles))
 
     assert (spectrum.attrs["observatory"], spectrum.attrs["receiver"]) == (observatory, receiver)
     np.testing.assert_array_equal(spectrum["intensity"], flux)
@@ -200,7 +206,7 @@ def test_psp_l2_sums_the_dipoles(tmp_path: Path, band: str) -> None:
     first[3, 4] = np.nan
     path = tmp_path / f"psp_fld_l2_rfs_{band}_20200721_v03.cdf"
 
-    spectrum = only(written.write_psp_l2(path, utc, frequency_hz, {"ch0_V1V2": first, "ch1_V3V4": second}))
+    spectrum = only(archive_files.write_psp_l2(path, utc, frequency_hz, {"ch0_V1V2": first, "ch1_V3V4": second}))
 
     np.testing.assert_allclose(spectrum["intensity"], first + second, rtol=1e-6)
     np.testing.assert_array_equal(spectrum["time"], utc)
@@ -211,7 +217,7 @@ def test_psp_l2_sums_the_dipoles(tmp_path: Path, band: str) -> None:
 def test_psp_l2_with_one_dipole_says_so(tmp_path: Path) -> None:
     utc = START + np.arange(20) * 56 * SECOND
     path = tmp_path / "psp_fld_l2_rfs_lfr_20200721_v03.cdf"
-    written.write_psp_l2(path, utc, np.geomspace(10.5e3, 1.69e6, 64), {"ch1_V3V4": values(20, 64, 1e-15)})
+    archive_files.write_psp_l2(path, utc, np.geomspace(10.5e3, 1.69e6, 64), {"ch1_V3V4": values(20, 64, 1e-15)})
 
     assert only(path).attrs["dipoles"] == "V3V4"
 
@@ -222,7 +228,7 @@ def test_psp_l2_sums_only_what_was_read_at_the_same_time(tmp_path: Path) -> None
     path = tmp_path / "psp_fld_l2_rfs_lfr_20200721_v03.cdf"
     second = np.full((20, 64), np.nan)
     second[::2] = 1e-15
-    written.write_psp_l2(path, utc, frequency_hz, {"ch0_V1V2": first, "ch1_V3V4": second})
+    archive_files.write_psp_l2(path, utc, frequency_hz, {"ch0_V1V2": first, "ch1_V3V4": second})
 
     spectrum = only(path)
 
@@ -233,13 +239,13 @@ def test_wind_l2_reads_lists_of_channels_that_change(tmp_path: Path) -> None:
     utc = START + np.arange(4) * 16 * SECOND
     frequency_hz = np.array([[100e3, 200e3], [100e3, 200e3], [200e3, 300e3], [200e3, 300e3]])
     path = tmp_path / "wi_l2_wav_rad2_20200711_v01.cdf"
-    variables: list[written.Variable] = [
-        ("Epoch", written.TT2000, written.tt2000(utc), True, {}),
-        ("FREQUENCY", written.REAL4, frequency_hz.astype(np.float32), True, {}),
-        ("PSD_V2_Z", written.REAL4, np.arange(1.0, 9.0, dtype=np.float32).reshape(4, 2), True, {}),
+    variables: list[archive_files.Variable] = [
+        ("Epoch", archive_files.TT2000, archive_files.tt2000(utc), True, {}),
+        ("FREQUENCY", archive_files.REAL4, frequency_hz.astype(np.float32), True, {}),
+        ("PSD_V2_Z", archive_files.REAL4, np.arange(1.0, 9.0, dtype=np.float32).reshape(4, 2), True, {}),
     ]
 
-    spectrum = only(written.write_cdf(path, path.stem, variables))
+    spectrum = only(archive_files.write_cdf(path, path.stem, variables))
 
     gap = np.nan
     np.testing.assert_allclose(spectrum["frequency"], [0.1, 0.2, 0.3])
@@ -296,7 +302,7 @@ def test_solo_l3_adds_the_offset_of_the_channel(tmp_path: Path) -> None:
     interpolated[:, 7], interpolated[3, 9] = True, True
     path = tmp_path / "solo_L3_rpw-hfr-surv-flux_20211009_V01.cdf"
 
-    spectrum = only(written.write_solo_l3(path, utc, khz, flux, elapsed_s, interpolated))
+    spectrum = only(archive_files.write_solo_l3(path, archive_files.Sweeps(utc, elapsed_s), khz, flux, interpolated))
 
     np.testing.assert_array_equal(spectrum["interpolated"], np.arange(50) == 7)
     assert np.isnan(spectrum["intensity"][3, 9])
@@ -312,7 +318,7 @@ def test_solo_l3_adds_the_offset_of_the_channel(tmp_path: Path) -> None:
 def test_the_documented_form_of_any_instrument_is_read(tmp_path: Path, store: Callable[..., object]) -> None:
     utc = START + np.arange(20) * 56 * SECOND
     path = tmp_path / "psp_fld_l2_rfs_lfr_20200721_v03.cdf"
-    written.write_psp_l2(path, utc, np.geomspace(10.5e3, 1.69e6, 64), {"ch1_V3V4": values(20, 64, 1e-15)})
+    archive_files.write_psp_l2(path, utc, np.geomspace(10.5e3, 1.69e6, 64), {"ch1_V3V4": values(20, 64, 1e-15)})
     spectrum = only(path).assign_attrs(observatory="JUICE")
     store(spectrum, tmp_path / "mine")
 
