@@ -23,6 +23,8 @@ from bella.cli_ephemeris import EPILOG as EPHEMERIS_EPILOG
 from bella.cli_ephemeris import UPDATE_EPILOG, ephemeris, know_updates, update_ephemeris
 from bella.cli_fetch import EPILOG as FETCH_EPILOG
 from bella.cli_fetch import fetch
+from bella.cli_simulate import EPILOG as SIMULATE_EPILOG
+from bella.cli_simulate import simulate
 from bella.cli_spectra import EPILOG as FORMATS_EPILOG
 from bella.cli_spectra import formats
 from bella.exceptions import BellaError, InputError
@@ -50,6 +52,7 @@ app.command(epilog=EPHEMERIS_EPILOG)(ephemeris)
 app.command("update-ephemeris", epilog=UPDATE_EPILOG)(update_ephemeris)
 app.command(epilog=FORMATS_EPILOG)(formats)
 app.command(epilog=FETCH_EPILOG)(fetch)
+app.command(epilog=SIMULATE_EPILOG)(simulate)
 
 out, err = Console(), Console(stderr=True)
 

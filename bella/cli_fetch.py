@@ -65,7 +65,7 @@ def _settings(home: Path | None) -> "Settings":
 
 
 def _days(first: str, last: str) -> list[date]:
-    begin, end = _day(first, "--from"), _day(last, "--to")
+    begin, end = day_option(first, "--from"), day_option(last, "--to")
     if end < begin:
         raise InputError(f"--to {last} is before --from {first}; exchange them")
     if (end - begin).days >= MOST_DAYS:
@@ -73,7 +73,22 @@ def _days(first: str, last: str) -> list[date]:
     return [begin + timedelta(days=number) for number in range((end - begin).days + 1)]
 
 
-def _day(text: str, option: str) -> date:
+def day_option(text: str, option: str) -> date:
+    """A day as an option gives it.
+
+    Parameters
+    ----------
+    text, option : str
+
+    Returns
+    -------
+    datetime.date
+
+    Raises
+    ------
+    InputError
+        If it is none.
+    """
     try:
         return date.fromisoformat(text)
     except ValueError as error:

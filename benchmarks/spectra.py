@@ -2,15 +2,18 @@
 
 import tempfile
 import tracemalloc
+from datetime import date
 from pathlib import Path
 
 import numpy as np
 
 from bella.simulation import archive_files
+from bella.simulation.archive_days import simulate_days
 from bella.spectra import open_spectra
 from benchmarks.localisation import Row, seconds
 
 RECORDS, CHANNELS = 2200, 319
+SIMULATED = date(2021, 11, 20)
 DAY = np.datetime64("2012-06-07T00:00:30", "ns")
 
 
@@ -53,10 +56,12 @@ def rows() -> list[Row]:
         minutes, native = one_minute_day(folder), native_day(folder)
         minutes_s = seconds(lambda: open_spectra(minutes)) / 2
         native_s = seconds(lambda: open_spectra(native))
+        simulated_s = seconds(lambda: simulate_days(folder / "archive", [SIMULATED], 1))
         peak, size, held = peak_bytes(native), native.stat().st_size, held_bytes(native)
     return [
         ("read a spacecraft-day of minutes", f"{minutes_s * 1e3:.0f} ms", "300 ms"),
         (f"read a day at native cadence, {RECORDS} x {CHANNELS}, five variables", f"{native_s:.2f} s", "2 s"),
         ("its peak memory, over the size of the file", f"{peak / size:.1f}", "3"),
         ("its peak memory, over the arrays returned", f"{peak / held:.1f}", ""),
+        ("simulate a day of four spacecraft, ten files", f"{simulated_s:.1f} s", "10 s"),
     ]

@@ -24,6 +24,7 @@ COMMANDS = [
     ["update-ephemeris"],
     ["formats"],
     ["fetch"],
+    ["simulate"],
     ["serve"],
     ["status"],
     ["catalogue", "list"],

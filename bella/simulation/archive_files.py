@@ -27,7 +27,7 @@ TT_AHEAD_S = (
 )
 """How far Terrestrial Time is ahead of UTC, from each day on (IERS Bulletin C)."""
 
-H1_KHZ = {
+H1_KHZ: dict[str, npt.NDArray[Any]] = {
     "RAD1": np.arange(20, 1041, 4, dtype=np.int16),
     "RAD2": np.arange(1075, 13826, 50, dtype=np.int16),
     "TNR": np.geomspace(4, 245, 96).astype(np.float32),

@@ -46,8 +46,14 @@ class SimulatedBurst:
     f_low_mhz, f_high_mhz : float
         Ends of the burst, MHz.
     contrast : float
-        Peak over background in power.
+        Peak over background in power, where the burst is brightest and seen from where its source points to.
     rotation_period_d : float
+    width_factor : float
+        By how much rise and decay are longer than the laws of :mod:`bella.bursts.widths` have them.
+    taper : float
+        Over how much of ln f the burst fades at either end of its band; 0 for sharp ends.
+    directivity : float
+        Width of the beam pattern; infinite for a source that is as bright from every side.
     """
 
     release_utc: np.datetime64
@@ -61,6 +67,9 @@ class SimulatedBurst:
     f_high_mhz: float = 14.0
     contrast: float = 30.0
     rotation_period_d: float = SIDEREAL_ROTATION_D
+    width_factor: float = 1.0
+    taper: float = 0.0
+    directivity: float = np.inf
 
     def __post_init__(self) -> None:
         if self.density not in DENSITY_MODELS:
@@ -134,6 +143,48 @@ def arrival_s(burst: SimulatedBurst, frequency_mhz: FloatArray, observatory: str
         receiver = position_hee(observatory, _at(burst, heard), burst.release_utc)
         heard = emitted + np.linalg.norm(source - receiver, axis=1) / C_RSUN_S
     return np.asarray(heard)
+
+
+def contrast_at(burst: SimulatedBurst, frequency_mhz: FloatArray, observatory: str) -> FloatArray:
+    """Peak over background that a spacecraft sees at each frequency.
+
+    The beam pattern is exp((cos(angle) - 1) / width), the angle being that between spacecraft and source as seen from
+    the Sun (Musset et al. 2021, A&A 656, A34, doi:10.1051/0004-6361/202140998).
+
+    Parameters
+    ----------
+    burst : SimulatedBurst
+    frequency_mhz : numpy.ndarray, shape (N,)
+    observatory : str
+
+    Returns
+    -------
+    numpy.ndarray, shape (N,)
+        Zero outside the band of the burst.
+
+    Raises
+    ------
+    NoDataError
+        If the ephemeris does not have the spacecraft then.
+    """
+    frequency = np.asarray(frequency_mhz, dtype=np.float64)
+    inside = (frequency >= burst.f_low_mhz) & (frequency <= burst.f_high_mhz)
+    contrast = np.zeros(frequency.shape)
+    if not inside.any():
+        return contrast
+    depth = np.minimum(np.log(frequency[inside] / burst.f_low_mhz), np.log(burst.f_high_mhz / frequency[inside]))
+    fade = np.sin(0.5 * np.pi * np.clip(depth / burst.taper, 0.0, 1.0)) ** 2 if burst.taper > 0 else 1.0
+    contrast[inside] = burst.contrast * fade * _beam_pattern(burst, frequency[inside], observatory)
+    return contrast
+
+
+def _beam_pattern(burst: SimulatedBurst, frequency_mhz: FloatArray, observatory: str) -> FloatArray:
+    if not np.isfinite(burst.directivity):
+        return np.ones(frequency_mhz.shape)
+    receiver = position_hee(observatory, np.array([burst.release_utc]), burst.release_utc)[0]
+    source = source_position_rsun(burst, frequency_mhz)
+    cosine = source @ receiver / np.linalg.norm(source, axis=1) / np.linalg.norm(receiver)
+    return np.asarray(np.exp((cosine - 1.0) / burst.directivity))
 
 
 def _at(burst: SimulatedBurst, seconds: FloatArray) -> npt.NDArray[np.datetime64]:

@@ -7,7 +7,7 @@ import numpy as np
 import xarray as xr
 
 from bella.exceptions import InputError
-from bella.simulation.burst import SimulatedBurst, arrival_s
+from bella.simulation.burst import SimulatedBurst, arrival_s, contrast_at
 from bella.simulation.light_curve import light_curve
 from bella.spectra.dynamic_spectrum import validate_spectrum
 from bella.units import FloatArray
@@ -74,9 +74,7 @@ def observe(
         If there is no record between start and stop, or there are too many.
     """
     middle_s = _middles(receiver, start_utc, stop_utc)
-    power = np.ones((middle_s.size, receiver.frequency_mhz.size))
-    for burst in bursts:
-        power += _heard(receiver, burst, start_utc, middle_s)
+    power = 1.0 + received_power(receiver, bursts, start_utc, middle_s)
     power *= 1 + receiver.noise * rng.standard_normal(power.shape)
     with np.errstate(invalid="ignore", divide="ignore"):
         intensity = 10 * np.log10(np.where(power > 0, power, np.nan))
@@ -94,18 +92,50 @@ def _middles(receiver: Receiver, start_utc: np.datetime64, stop_utc: np.datetime
     return np.asarray((np.arange(records) + 0.5) * receiver.cadence_s)
 
 
-def _heard(receiver: Receiver, burst: SimulatedBurst, start_utc: np.datetime64, middle_s: FloatArray) -> FloatArray:
-    """Power of a burst over background, records x channels."""
-    inside = (receiver.frequency_mhz >= burst.f_low_mhz) & (receiver.frequency_mhz <= burst.f_high_mhz)
-    power = np.zeros((middle_s.size, inside.size))
-    released_s = (burst.release_utc - start_utc) / np.timedelta64(1, "s")
-    arrived_s = released_s + arrival_s(burst, receiver.frequency_mhz[inside], receiver.observatory)
-    for column, arrived in zip(np.flatnonzero(inside), arrived_s, strict=True):
-        after = middle_s + receiver.sample_offset_s[column] - arrived
-        curve = light_curve(float(f"{receiver.frequency_mhz[column]:.{LIGHT_CURVE_DIGITS}g}"))
-        half = 0.5 * receiver.integration_s
-        power[:, column] = burst.contrast * curve.mean(after - half, after + half)
+def received_power(
+    receiver: Receiver, bursts: Sequence[SimulatedBurst], start_utc: np.datetime64, middle_s: FloatArray
+) -> FloatArray:
+    """Power of bursts in every sample of a receiver, without background and noise.
+
+    Parameters
+    ----------
+    receiver : Receiver
+    bursts : sequence of SimulatedBurst
+    start_utc : numpy.datetime64
+        What the middles are counted from.
+    middle_s : numpy.ndarray, shape (N,)
+        Middles of the records, ascending, s.
+
+    Returns
+    -------
+    numpy.ndarray, shape (N, C)
+        In units of the background.
+
+    Raises
+    ------
+    NoDataError
+        If the ephemeris does not have the spacecraft.
+    """
+    power = np.zeros((middle_s.size, receiver.frequency_mhz.size))
+    for burst in bursts:
+        _add(power, receiver, burst, middle_s - (burst.release_utc - start_utc) / np.timedelta64(1, "s"))
     return power
+
+
+def _add(power: FloatArray, receiver: Receiver, burst: SimulatedBurst, released_s: FloatArray) -> None:
+    """Add a burst where it is heard; records are counted from its release."""
+    height = contrast_at(burst, receiver.frequency_mhz, receiver.observatory)
+    heard = np.flatnonzero(height > 0)
+    arrived_s = arrival_s(burst, receiver.frequency_mhz[heard], receiver.observatory)
+    half = 0.5 * receiver.integration_s
+    for column, arrived in zip(heard, arrived_s, strict=True):
+        curve = light_curve(float(f"{receiver.frequency_mhz[column]:.{LIGHT_CURVE_DIGITS}g}"))
+        begin_s = arrived - receiver.sample_offset_s[column]
+        reach = begin_s + curve.time_s[[0, -1]] * burst.width_factor + (-half, half)
+        rows = slice(*np.searchsorted(released_s, reach))
+        after = (released_s[rows] - begin_s) / burst.width_factor
+        margin = half / burst.width_factor
+        power[rows, column] += height[column] * curve.mean(after - margin, after + margin)
 
 
 def _dataset(receiver: Receiver, intensity: FloatArray, start_utc: np.datetime64, middle_s: FloatArray) -> xr.Dataset:

@@ -1,0 +1,220 @@
+"""The receivers behind the data sets of the archive that can be written: channels, cadence, background, noise."""
+
+from dataclasses import dataclass
+from datetime import date
+
+import numpy as np
+import numpy.typing as npt
+
+from bella.exceptions import InputError
+from bella.simulation.archive_files import H1_KHZ, LEVEL2_KHZ
+from bella.simulation.receiver import Receiver
+from bella.spacecraft import position_hee
+from bella.units import AU_RSUN, FloatArray
+
+ENCOUNTER_RSUN = 0.25 * AU_RSUN
+"""Nearer to the Sun than this PSP samples fast."""
+
+LIST_MODE_KHZ = np.array(
+    [
+        20,
+        24,
+        28,
+        32,
+        36,
+        40,
+        44,
+        48,
+        52,
+        60,
+        72,
+        80,
+        92,
+        104,
+        116,
+        136,
+        152,
+        176,
+        196,
+        224,
+        256,
+        292,
+        332,
+        376,
+        428,
+        484,
+        548,
+        624,
+        708,
+        804,
+        916,
+        1040,
+    ],
+    dtype=np.float64,
+)
+"""Channels that Wind RAD1 measured on 2010-01-17, in its list mode; the others are interpolated between them."""
+
+L2_LEAD_S = 71.0
+"""How long before midnight a Wind level-2 file begins, as that of 2020-07-12 does."""
+
+
+@dataclass(frozen=True)
+class Instrument:
+    """A receiver as one data set of the archive has it.
+
+    Attributes
+    ----------
+    dataset : str
+        Key of the data set.
+    receiver : Receiver
+    quantity : str
+        What the data set holds, one of ``QUANTITIES``.
+    background : ndarray, shape (C,)
+        Quiet level in that quantity (1 for ratios).
+    measured : ndarray of bool, shape (C,)
+        False for channels that the data set interpolates between others.
+    lead_s : float
+        How long before midnight its first record begins, s.
+    """
+
+    dataset: str
+    receiver: Receiver
+    quantity: str
+    background: FloatArray
+    measured: npt.NDArray[np.bool_]
+    lead_s: float = 0.0
+
+
+def instruments(dataset: str, day: date) -> tuple[Instrument, ...]:
+    """Receivers whose spectra the files of a data set hold.
+
+    Parameters
+    ----------
+    dataset : str
+        Key, one of `WRITABLE`.
+    day : datetime.date
+        PSP's cadence depends on where it is.
+
+    Returns
+    -------
+    tuple of Instrument
+
+    Raises
+    ------
+    InputError
+        If files of the data set cannot be written.
+    NoDataError
+        If the ephemeris does not have the spacecraft.
+    """
+    if dataset not in WRITABLE:
+        raise InputError(f"files of data set {dataset!r} cannot be simulated; choose from {', '.join(WRITABLE)}")
+    if dataset == "WI_H1_WAV":
+        return _h1()
+    if dataset == "STEREO_LEVEL2_SWAVES":
+        return tuple(_level2(name) for name in ("STEREO-A", "STEREO-B"))
+    if dataset.startswith("WI_L2"):
+        return (_wind_l2(dataset),)
+    if dataset.startswith("ST"):
+        return (_stereo_l3(dataset),)
+    return (_psp(dataset, day),) if dataset.startswith("PSP") else (_solo(dataset),)
+
+
+def _quiet_v2_hz(frequency_mhz: FloatArray) -> FloatArray:
+    """Noise of a receiver, the plasma's thermal noise below 0.1 MHz, the galaxy's about 3 MHz; orders of magnitude."""
+    galaxy = np.exp(-0.5 * (np.log(frequency_mhz / 3.0) / 0.8) ** 2)
+    return np.asarray(3.5e-17 * (1.0 + 2.0 * galaxy + (0.06 / frequency_mhz) ** 3))
+
+
+def _quiet_w_m2_hz(frequency_mhz: FloatArray) -> FloatArray:
+    return np.asarray(1e-20 * _quiet_v2_hz(frequency_mhz) / 3.5e-17)
+
+
+def _at_once(
+    observatory: str, name: str, frequency_mhz: FloatArray, cadence_s: float, integration_s: float
+) -> Receiver:
+    """A receiver whose file gives one time for all channels of a record."""
+    return Receiver(observatory, name, frequency_mhz, cadence_s, integration_s, np.zeros(frequency_mhz.size))
+
+
+def _whole(dataset: str, receiver: Receiver, quantity: str, background: FloatArray, lead_s: float = 0.0) -> Instrument:
+    measured = np.ones(receiver.frequency_mhz.size, dtype=bool)
+    return Instrument(dataset, receiver, quantity, background, measured, lead_s)
+
+
+def _h1() -> tuple[Instrument, ...]:
+    found: list[Instrument] = []
+    for name in ("RAD1", "RAD2"):
+        channels = H1_KHZ[name].astype(np.float64)
+        receiver = _at_once("WIND", name, channels * 1e-3, 60.0, 60.0)
+        measured = np.isin(channels, LIST_MODE_KHZ) if name == "RAD1" else np.ones(channels.size, dtype=bool)
+        found.append(Instrument("WI_H1_WAV", receiver, "voltage_ratio", np.ones(channels.size), measured))
+    return tuple(found)
+
+
+def _wind_l2(dataset: str) -> Instrument:
+    name = dataset[-4:]
+    channels: FloatArray = LIST_MODE_KHZ * 1e-3 if name == "RAD1" else np.arange(1.075, 13.8251, 0.4)
+    receiver = _at_once("WIND", name, channels, 17.0 if name == "RAD1" else 16.0, 1.0)
+    return _whole(dataset, receiver, "psd_v2_hz", _quiet_v2_hz(channels), L2_LEAD_S)
+
+
+def _level2(observatory: str) -> Instrument:
+    channels = level2_channels_khz()
+    receiver = _at_once(observatory, "LFR+HFR", channels * 1e-3, 60.0, 60.0)
+    return _whole("STEREO_LEVEL2_SWAVES", receiver, "db_over_background", np.ones(channels.size))
+
+
+def level2_channels_khz() -> FloatArray:
+    """Channels of STEREO level 2 in ascending order, with the LFR's alone where both receivers overlap.
+
+    Returns
+    -------
+    numpy.ndarray, shape (366,)
+        kHz.
+    """
+    low, high = LEVEL2_KHZ[:48].astype(np.float64), LEVEL2_KHZ[48:].astype(np.float64)
+    return np.concatenate([low, high[high > low[-1]]])
+
+
+def _stereo_l3(dataset: str) -> Instrument:
+    observatory = {"A": "STEREO-A", "B": "STEREO-B"}[dataset[2]]
+    name = dataset[-3:]
+    channels = np.geomspace(2.61e-3, 153.4e-3, 48) if name == "LFR" else np.arange(0.125, 16.0251, 0.05)
+    receiver = _at_once(observatory, name, channels, 38.05, 1.0)
+    return _whole(dataset, receiver, "flux_w_m2_hz", _quiet_w_m2_hz(channels))
+
+
+def _psp(dataset: str, day: date) -> Instrument:
+    noon = np.datetime64(day, "ns") + np.timedelta64(12, "h")
+    away_rsun = float(np.linalg.norm(position_hee("PSP", np.array([noon]), noon)[0]))
+    cadence_s = 6.99 if away_rsun < ENCOUNTER_RSUN else 55.92
+    name = dataset[-3:]
+    channels = np.geomspace(0.0105, 1.69, 64) if name == "LFR" else np.geomspace(1.275, 19.17, 64)
+    receiver = _at_once("PSP", name, channels, cadence_s, 0.5 * cadence_s)
+    return _whole(dataset, receiver, "psd_v2_hz", _quiet_v2_hz(channels), 0.0 if name == "LFR" else 2.24)
+
+
+def _solo(dataset: str) -> Instrument:
+    is_high = "HFR" in dataset
+    channels = np.linspace(0.425, 16.325, 50) if is_high else 3.9918e-3 * 4.0 ** (np.arange(128) / 32.0)
+    cadence_s = 17.0
+    offsets = np.linspace(-0.45, 0.45, channels.size) * cadence_s
+    receiver = Receiver("SOLO", "HFR" if is_high else "TNR", channels, cadence_s, 0.1, offsets)
+    return _whole(dataset, receiver, "flux_w_m2_hz", _quiet_w_m2_hz(channels))
+
+
+WRITABLE = (
+    "WI_H1_WAV",
+    "WI_L2_WAV_RAD1",
+    "WI_L2_WAV_RAD2",
+    "STEREO_LEVEL2_SWAVES",
+    "STA_L3_WAV_LFR",
+    "STA_L3_WAV_HFR",
+    "STB_L3_WAV_LFR",
+    "STB_L3_WAV_HFR",
+    "PSP_FLD_L2_RFS_LFR",
+    "PSP_FLD_L2_RFS_HFR",
+    "SOLO_L3_RPW-HFR-SURV-FLUX",
+    "SOLO_L3_RPW-TNR-SURV-FLUX",
+)
+"""Keys of the data sets whose files can be written."""
