@@ -29,6 +29,13 @@ LARGEST_SPREAD_DB = 1.5
 
 FEWEST_CHANNELS_FOR_A_STEP = 8
 QUIET_SD = 2.0
+SUBTRACTED_SHARE = 0.02
+"""From this share of samples not above zero on, the background of a channel was taken away before publication."""
+
+QUIET_SCATTER = 0.05
+"""Scatter of quiet samples over their background, as receivers of space missions show: what was taken away is taken to
+be the noise that is left over this."""
+
 DECIBELS_PER_DECADE = {"voltage_ratio": 20.0, "psd_v2_hz": 10.0, "flux_w_m2_hz": 10.0, "relative_flux": 10.0}
 
 Instants = npt.NDArray[np.datetime64]
@@ -54,8 +61,9 @@ def decibels(spectrum: xr.Dataset) -> FloatArray:
     Returns
     -------
     numpy.ndarray
-        Shape (time, frequency), dB over the unit of the spectrum. Amplitudes count twice; what is not above zero, as
-        after a background was subtracted, has no logarithm and is NaN.
+        Shape (time, frequency), dB over the unit of the spectrum. Amplitudes count twice; what is not above zero has no
+        logarithm and is NaN. Where a flux was published with its background taken away, a background is given back to
+        it, of the size that its noise suggests.
 
     Raises
     ------
@@ -68,12 +76,27 @@ def decibels(spectrum: xr.Dataset) -> FloatArray:
         return values
     if quantity not in DECIBELS_PER_DECADE:
         raise InputError(f"quantity {quantity!r} cannot be turned into dB: use one of {', '.join(DECIBELS_PER_DECADE)}")
+    if quantity == "flux_w_m2_hz":
+        values = _with_background(values)
     per_decade = DECIBELS_PER_DECADE[quantity]
     if quantity == "relative_flux":
         per_decade *= float(spectrum.attrs.get("power_exponent", 1.0))
     with np.errstate(divide="ignore", invalid="ignore"):
         level = per_decade * np.log10(values)
     return np.where(np.isfinite(level), level, np.nan)
+
+
+def _with_background(flux: FloatArray) -> FloatArray:
+    """Flux with a background in the channels that have none."""
+    share = np.count_nonzero(flux <= 0.0, axis=0) / np.maximum(np.count_nonzero(np.isfinite(flux), axis=0), 1)
+    without = np.flatnonzero(share > SUBTRACTED_SHARE)
+    if not without.size:
+        return flux
+    below = np.where(flux[:, without] < 0.0, flux[:, without], np.nan)
+    noise = _nan_quantile(-below, 0.6827)
+    restored = flux.copy()
+    restored[:, without] += noise / QUIET_SCATTER
+    return restored
 
 
 def quiet_level(intensity_db: FloatArray, time: Instants) -> Background:

@@ -1,0 +1,249 @@
+"""Type III bursts in the spectrum of one spacecraft.
+
+A candidate is a maximum of the matched filter (:mod:`bella.bursts.matched_filter`). It is a burst if enough channels
+above 0.8 MHz see it, where Earth's kilometric radiation and most interference do not reach, and if a drift fits better
+than none. What is refused is returned too, with its reason.
+"""
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+import pandas as pd
+import xarray as xr
+
+from bella.bursts.matched_filter import BEAM_SPEEDS_C, Match, channel_match, drift_delays_s, drift_match
+from bella.bursts.search_grid import FREQUENCY_MHZ, STEP_S, SearchGrid, search_grid
+from bella.bursts.widths import decay_s
+from bella.units import FloatArray
+
+DETECTION_COLUMNS = {
+    "observatory": "object",
+    "start_utc": "datetime64[ns]",
+    "peak_utc": "datetime64[ns]",
+    "end_utc": "datetime64[ns]",
+    "f_low_mhz": "float64",
+    "f_high_mhz": "float64",
+    "score": "float64",
+    "drift": "float64",
+    "peak_db": "float64",
+    "channels": "int64",
+    "isolated": "bool",
+    "tier": "object",
+    "reason": "object",
+}
+"""Of a detection table. ``start_utc`` is the onset at the highest frequency, ``drift`` the beam speed in units of c that
+fits best."""
+
+THRESHOLD = 6.0
+SEED_THRESHOLD = 4.0
+APART_RECORDS = 4
+"""The highest of maxima this near to one another is the candidate."""
+
+SUPPORT_ABOVE_MHZ, LEAST_SUPPORT = 0.8, 6
+KILOMETRIC_BELOW_MHZ, LEAST_ABOVE, LEAST_LONG = 0.6, 3, 14
+"""A burst with less support needs some channels above Earth's kilometric radiation, many in all, and a clear drift."""
+
+WIDE_BELOW_MHZ, LEAST_WIDE = 2.0, 4
+"""Arcs of Jupiter seldom reach below this frequency; so many channels there tell a burst from one."""
+
+CLEAR_MARGIN = 1.2
+"""By how much a drift has to fit better than any that is none where the channels alone do not tell."""
+
+FAST_MARGIN = 1.1
+"""Where they tell, a fit without drift may be better by this: fast beams take a minute through most channels."""
+
+BEFORE_S, AFTER_S = 20 * 60.0, 30 * 60.0
+"""A burst is alone if no other begins within so long before and after it."""
+
+WEAK_SHARE = 0.3
+"""Another with less than this share of its score does not count."""
+
+SECOND_PEAK_DB = 3.0
+SECOND_PEAK_SHARE = 0.25
+NO_SUPPORT, NO_DRIFT, GROUP, GAP = "few_channels_above_0.8_mhz", "no_drift", "group", "gap_in_flank"
+CATALOGUED, REJECTED = "catalogued", "rejected"
+
+
+class Candidate(NamedTuple):
+    """A maximum of the matched filter."""
+
+    record: int
+    """Minute of its onset at the highest channel of the grid."""
+    drift: int
+    """Index of the drift that fits best."""
+    score: float
+    hit: npt.NDArray[np.bool_]
+    """Which channels see it."""
+    reason: str
+    """Why it is no burst; empty if it is one."""
+
+
+def detect_bursts(spectrum: xr.Dataset) -> pd.DataFrame:
+    """Bursts in the spectrum of one spacecraft.
+
+    Parameters
+    ----------
+    spectrum : xarray.Dataset
+        Dynamic spectrum, best of a whole day with all receivers combined.
+
+    Returns
+    -------
+    pandas.DataFrame
+        `DETECTION_COLUMNS`, one row per candidate in order of time; tier "catalogued", or "rejected" with its reason.
+        Empty where nothing is found, or fewer channels than a burst needs were measured.
+
+    Raises
+    ------
+    InputError
+        If the quantity of the spectrum is not known.
+    """
+    grid = search_grid(spectrum)
+    match = drift_match(channel_match(grid.excess_db, grid.noise_db))
+    return detection_table(str(spectrum.attrs["observatory"]), grid, candidates(match))
+
+
+def candidates(match: Match, threshold: float = THRESHOLD) -> list[Candidate]:
+    """Maxima of the matched filter above a threshold, in order of time.
+
+    Parameters
+    ----------
+    match : Match
+    threshold : float
+
+    Returns
+    -------
+    list of Candidate
+    """
+    score = match.score[: len(BEAM_SPEEDS_C)].max(axis=0)
+    found = []
+    for record in np.flatnonzero(score >= threshold):
+        around = score[max(0, record - APART_RECORDS) : record + APART_RECORDS + 1]
+        if score[record] == around.max() and not (found and record - found[-1] <= APART_RECORDS):
+            found.append(int(record))
+    return [_candidate(match, record) for record in found]
+
+
+def _candidate(match: Match, record: int) -> Candidate:
+    drift = int(match.score[: len(BEAM_SPEEDS_C), record].argmax())
+    score, hit = float(match.score[drift, record]), _longest_run(match.hit[drift, record], match.measured)
+    reason = _why_none(hit, score, _undrifting(match, record))
+    return Candidate(record, drift, score, hit, reason)
+
+
+def _undrifting(match: Match, record: int) -> tuple[float, float]:
+    """Best scores of no drift and of an upward drift around a minute."""
+    around = match.score[len(BEAM_SPEEDS_C) :, max(0, record - APART_RECORDS) : record + APART_RECORDS + 1]
+    return float(around[0].max()), float(around[1:].max())
+
+
+def _why_none(hit: npt.NDArray[np.bool_], score: float, undrifting: tuple[float, float]) -> str:
+    """Reason why a candidate is no burst; empty if it is one."""
+    standing, rising = undrifting
+    if np.count_nonzero(hit & (FREQUENCY_MHZ > SUPPORT_ABOVE_MHZ)) < LEAST_SUPPORT:
+        is_above = np.count_nonzero(hit & (FREQUENCY_MHZ > KILOMETRIC_BELOW_MHZ)) >= LEAST_ABOVE
+        is_long = np.count_nonzero(hit) >= LEAST_LONG
+        return "" if is_above and is_long and score >= CLEAR_MARGIN * max(undrifting) else NO_SUPPORT
+    if np.count_nonzero(hit & (FREQUENCY_MHZ < WIDE_BELOW_MHZ)) >= LEAST_WIDE:
+        drifts = standing <= FAST_MARGIN * score and rising <= score
+    else:
+        drifts = CLEAR_MARGIN * max(undrifting) <= score
+    return "" if drifts else NO_DRIFT
+
+
+def detection_table(observatory: str, grid: SearchGrid, found: Sequence[Candidate]) -> pd.DataFrame:
+    """Measure candidates on the grid they were found on.
+
+    Parameters
+    ----------
+    observatory : str
+    grid : SearchGrid
+    found : sequence of Candidate
+
+    Returns
+    -------
+    pandas.DataFrame
+        As :func:`detect_bursts` returns it.
+    """
+    rows = [_row(observatory, grid, one, _why_not_alone(grid, one, found)) for one in found]
+    return pd.DataFrame(rows, columns=list(DETECTION_COLUMNS)).astype(DETECTION_COLUMNS)
+
+
+def _row(observatory: str, grid: SearchGrid, one: Candidate, company: str) -> dict[str, object]:
+    band = np.flatnonzero(one.hit)
+    onset = one.record + np.rint(drift_delays_s()[one.drift] / STEP_S).astype(int)
+    peaks = np.array([_peak(grid.excess_db[:, channel], onset[channel], channel) for channel in band])
+    heights = grid.excess_db[peaks, band]
+    last = int(peaks[0] + decay_s(float(FREQUENCY_MHZ[band[0]])) // STEP_S)
+    return {
+        "observatory": observatory,
+        "start_utc": _utc(grid, onset[band[-1]]),
+        "peak_utc": _utc(grid, peaks[int(np.nanargmax(heights))] + 0.5),
+        "end_utc": _utc(grid, min(last + 1, len(grid.excess_db))),
+        "f_low_mhz": float(FREQUENCY_MHZ[band[0]]),
+        "f_high_mhz": float(FREQUENCY_MHZ[band[-1]]),
+        "score": one.score,
+        "drift": BEAM_SPEEDS_C[one.drift],
+        "peak_db": float(np.nanmax(heights)),
+        "channels": int(one.hit.sum()),
+        "isolated": not company,
+        "tier": REJECTED if one.reason else CATALOGUED,
+        "reason": one.reason or company,
+    }
+
+
+def _utc(grid: SearchGrid, record: float) -> np.datetime64:
+    return np.datetime64(grid.start + np.timedelta64(int(record * STEP_S * 1e9), "ns"), "ns")
+
+
+def _longest_run(hit: npt.NDArray[np.bool_], measured: npt.NDArray[np.bool_]) -> npt.NDArray[np.bool_]:
+    """The longest run of channels that see it, across holes of two channels: the others see something else."""
+    channels = np.flatnonzero(measured)
+    seen = np.flatnonzero(hit[channels])
+    runs = np.split(seen, np.flatnonzero(np.diff(seen) > 3) + 1)
+    run = np.zeros_like(hit)
+    run[channels[max(runs, key=len)]] = True
+    return run
+
+
+def _reach(channel: int) -> int:
+    """Minutes from onset to the last in which the maximum may be."""
+    return int(np.ceil(3 * decay_s(float(FREQUENCY_MHZ[channel])) / STEP_S)) + 2
+
+
+def _peak(excess_db: FloatArray, onset: int, channel: int) -> int:
+    window = excess_db[onset : onset + _reach(channel)]
+    return int(onset + np.nanargmax(np.where(np.isfinite(window), window, -np.inf)))
+
+
+def _why_not_alone(grid: SearchGrid, one: Candidate, found: Sequence[Candidate]) -> str:
+    """Reason why a candidate is not isolated; empty if it is."""
+    for other in found:
+        apart_s = (other.record - one.record) * STEP_S
+        if apart_s and not other.reason and -BEFORE_S < apart_s < AFTER_S and other.score > WEAK_SHARE * one.score:
+            return GROUP
+    band = np.flatnonzero(one.hit)
+    onset = one.record + np.rint(drift_delays_s()[one.drift] / STEP_S).astype(int)
+    if any(_has_gap(grid, int(onset[channel]), int(channel)) for channel in band[:: max(1, band.size // 8)]):
+        return GAP
+    twice = [_second_peak(grid, int(onset[channel]), int(channel)) for channel in band]
+    return GROUP if np.mean(twice) > SECOND_PEAK_SHARE else ""
+
+
+def _has_gap(grid: SearchGrid, onset: int, channel: int) -> bool:
+    """Whether minutes around the rise of a channel are missing, which it has otherwise."""
+    around = grid.excess_db[max(0, onset - 5) : onset + 5, channel]
+    return bool(np.isnan(around).mean() > 0.3)
+
+
+def _second_peak(grid: SearchGrid, onset: int, channel: int) -> bool:
+    """Whether the light curve of a channel falls and rises again, by more than noise, within the burst."""
+    window = grid.excess_db[max(0, onset - 5) : onset + 2 * _reach(channel), channel]
+    window = window[np.isfinite(window)]
+    if window.size < 3:
+        return False
+    peak = int(window.argmax())
+    least = max(SECOND_PEAK_DB, 4 * grid.noise_db[channel])
+    after, before = window[peak:], window[: peak + 1][::-1]
+    return any((side - np.minimum.accumulate(side)).max() > least for side in (after, before))
