@@ -74,7 +74,9 @@ def boundary_longitudes_deg(bins: int) -> FloatArray:
     return np.asarray((np.arange(bins) + 0.5) * 360.0 / bins)
 
 
-def accelerated_speed_km_s(speed_km_s: FloatArray, range_rsun: FloatArray, from_rsun: float = INNER_RSUN) -> FloatArray:
+def accelerated_speed_km_s(
+    speed_km_s: FloatArray, range_rsun: FloatArray, from_rsun: FloatArray | float = INNER_RSUN
+) -> FloatArray:
     """Speed of an undisturbed parcel further out: v0 (1 + a (1 - exp(-(r - 30) / 50))) over the same at the start.
 
     Parameters
@@ -83,8 +85,8 @@ def accelerated_speed_km_s(speed_km_s: FloatArray, range_rsun: FloatArray, from_
         Speed at `from_rsun`, km/s.
     range_rsun : numpy.ndarray
         Where it is wanted, solar radii; broadcast with `speed_km_s`.
-    from_rsun : float
-        Solar radii.
+    from_rsun : float or numpy.ndarray
+        Solar radii; broadcast with the others.
 
     Returns
     -------
@@ -129,12 +131,26 @@ def steady_wind(
         If a speed is not finite or not that of a solar wind, or the boundaries are not in order.
     """
     boundary = np.asarray(boundary_km_s, dtype=np.float64)
-    _check(boundary, inner_rsun, outer_rsun)
+    check_boundary(boundary, inner_rsun, outer_rsun)
     range_rsun, speed = marched(boundary[:, None], inner_rsun, outer_rsun, rotation_period_d)
     return SteadyWind(range_rsun, boundary_longitudes_deg(boundary.size), speed[:, :, 0])
 
 
-def _check(boundary: FloatArray, inner_rsun: float, outer_rsun: float) -> None:
+def check_boundary(boundary: FloatArray, inner_rsun: float, outer_rsun: float) -> None:
+    """Refuse a boundary that no solar wind has.
+
+    Parameters
+    ----------
+    boundary : numpy.ndarray, shape (L,)
+        Speeds, km/s.
+    inner_rsun, outer_rsun : float
+        Solar radii.
+
+    Raises
+    ------
+    InputError
+        If a speed is not finite or not that of a solar wind, or the boundaries are not in order.
+    """
     if boundary.ndim != 1 or boundary.size < 8:
         raise InputError(f"a boundary of shape {boundary.shape} is too coarse; give at least 8 longitudes in one array")
     if not np.all((boundary >= SLOWEST_KM_S) & (boundary <= FASTEST_KM_S)):
