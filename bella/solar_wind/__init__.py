@@ -1,5 +1,6 @@
 """The solar wind that a burst crosses: speeds in situ, and the speeds near the Sun that explain them."""
 
+from bella.solar_wind.along_track import FieldLine, field_line_through, speed_at_sources_km_s
 from bella.solar_wind.assimilation import WindAssimilation, assimilate_wind
 from bella.solar_wind.field_line import field_line_longitude_deg
 from bella.solar_wind.observations import hourly_speeds
@@ -7,6 +8,7 @@ from bella.solar_wind.steady import SteadyWind, accelerated_speed_km_s, steady_w
 from bella.solar_wind.upwind import InnerBoundary, WindHistory, upwind_wind
 
 __all__ = [
+    "FieldLine",
     "InnerBoundary",
     "SteadyWind",
     "WindAssimilation",
@@ -14,7 +16,9 @@ __all__ = [
     "accelerated_speed_km_s",
     "assimilate_wind",
     "field_line_longitude_deg",
+    "field_line_through",
     "hourly_speeds",
+    "speed_at_sources_km_s",
     "steady_wind",
     "upwind_wind",
 ]

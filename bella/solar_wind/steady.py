@@ -214,7 +214,8 @@ def interpolated(
     """
     bins = speed_km_s.shape[1]
     along = (np.asarray(range_rsun) - grid_rsun[0]) / (grid_rsun[1] - grid_rsun[0])
-    inside = (along >= 0) & (along <= grid_rsun.size - 1)
+    # a distance that a turn of frames has rounded is still on the boundary
+    inside = (along >= -1e-9) & (along <= grid_rsun.size - 1 + 1e-9)
     row = np.clip(np.nan_to_num(along).astype(int), 0, grid_rsun.size - 2)
     turned = np.asarray(longitude_deg) / 360.0 * bins - 0.5
     left = np.floor(turned).astype(int)

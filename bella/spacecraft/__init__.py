@@ -13,6 +13,7 @@ from bella.spacecraft.ephemeris import (
     position_hee,
 )
 from bella.spacecraft.frames import FRAMES
+from bella.spacecraft.turning import cartesian, hee_from, hee_to, polar
 
 __all__ = [
     "BODIES",
@@ -20,11 +21,15 @@ __all__ = [
     "FRAMES",
     "OBSERVATORIES",
     "Placed",
+    "cartesian",
     "coverage",
     "extend_with",
     "fleet",
+    "hee_from",
+    "hee_to",
     "largest_difference_km",
     "light_time_s",
+    "polar",
     "position",
     "position_hee",
     "prefer_given",

@@ -7,25 +7,11 @@ import pytest
 from bella.exceptions import InputError, NoDataError
 from bella.solar_wind import assimilate_wind, hourly_speeds, steady_wind
 from bella.spacecraft import position
-
-AROUND = np.datetime64("2012-06-07T19:30", "ns")
-FLEET = ("WIND", "STEREO-A", "STEREO-B")
-
-
-def lists_of(folder: Path, table: Path) -> dict[str, pd.Series]:
-    """Published hourly speeds, written as the lists they come in and read back."""
-    frame = pd.read_csv(table, parse_dates=["time_utc"])
-    speeds = {}
-    for name, column in zip(FLEET, ("L1_km_s", "STEREO-A_km_s", "STEREO-B_km_s"), strict=True):
-        path = folder / f"{name}.lst"
-        rows = zip(frame["time_utc"], frame[column].fillna(9999), strict=True)
-        path.write_text("".join(f"{t.year} {t.day_of_year} {t.hour} {v:.0f}\n" for t, v in rows))
-        speeds[name] = hourly_speeds(path)
-    return speeds
+from tests.solar_wind.in_situ import AROUND, FLEET, lists_of
 
 
 def test_real_rotation_of_2012_is_explained(tmp_path: Path, reference_files: Path) -> None:
-    speeds = lists_of(tmp_path, reference_files / "insitu" / "hourly_speed_2012-05_2012-07.csv")
+    speeds = lists_of(tmp_path, reference_files)
     at = pd.Timestamp("2012-06-07T19:00")
     assert [speeds[name][at] for name in FLEET] == [649, 352, 342]
 
