@@ -104,7 +104,7 @@ def fit_spiral_line(range_rsun: FloatArray, longitude_deg: FloatArray, rotation_
     residual = longitude - design @ np.array([phi0, slope])
     variance = float(residual @ residual) / max(height.size - 2, 1)
     phi0_sd, slope_sd = np.sqrt(variance * np.diag(np.linalg.inv(design.T @ design)))
-    speed = _speed_km_s(float(slope), rotation_period_d)
+    speed = spiral_speed_km_s(float(slope), rotation_period_d)
     return SpiralLine(
         phi0_deg=180.0 - (180.0 - float(phi0)) % 360.0,
         phi0_sd_deg=float(phi0_sd),
@@ -118,8 +118,21 @@ def fit_spiral_line(range_rsun: FloatArray, longitude_deg: FloatArray, rotation_
     )
 
 
-def _speed_km_s(slope_deg_per_rsun: float, rotation_period_d: float) -> float:
-    """Solar wind speed of a slope: v_sw = -Omega dr/dphi; infinite for a radial track."""
+def spiral_speed_km_s(slope_deg_per_rsun: float, rotation_period_d: float) -> float:
+    """Solar wind speed of a slope of longitude on distance: v_sw = -Omega dr/dphi.
+
+    Parameters
+    ----------
+    slope_deg_per_rsun : float
+        Degrees per solar radius.
+    rotation_period_d : float
+        Rotation period of the Sun, days.
+
+    Returns
+    -------
+    float
+        km/s; infinite for a radial track, negative for one that bends forward.
+    """
     slope_rad_per_km = math.radians(slope_deg_per_rsun) / R_SUN_KM
     return -angular_speed_rad_s(rotation_period_d) / slope_rad_per_km if slope_rad_per_km else math.inf
 
@@ -169,9 +182,9 @@ def track_fit(
 def _as_json(line: SpiralLine) -> dict[str, Any]:
     return {
         "model": "longitude on distance, unweighted line through posterior means",
-        "phi0_deg": _parameter(line.phi0_deg, line.phi0_sd_deg),
-        "v_sw_km_s": _parameter(line.v_sw_km_s, line.v_sw_sd_km_s),
-        "slope_deg_per_rsun": _parameter(line.slope_deg_per_rsun, line.slope_sd_deg_per_rsun),
+        "phi0_deg": gaussian_parameter(line.phi0_deg, line.phi0_sd_deg),
+        "v_sw_km_s": gaussian_parameter(line.v_sw_km_s, line.v_sw_sd_km_s),
+        "slope_deg_per_rsun": gaussian_parameter(line.slope_deg_per_rsun, line.slope_sd_deg_per_rsun),
         "r0_rsun": SPIRAL_ORIGIN_RSUN,
         "rms_deg": line.rms_deg if math.isfinite(line.rms_deg) else None,
         "points": line.points,
@@ -180,8 +193,18 @@ def _as_json(line: SpiralLine) -> dict[str, Any]:
     }
 
 
-def _parameter(mean: float, sd: float) -> Mapping[str, float | None]:
-    """Mean, formal error and the quantiles of the Gaussian they stand for; nothing where they are not finite."""
+def gaussian_parameter(mean: float, sd: float) -> Mapping[str, float | None]:
+    """Mean, formal error and the quantiles of the Gaussian they stand for.
+
+    Parameters
+    ----------
+    mean, sd : float
+
+    Returns
+    -------
+    mapping of str to float or None
+        All None where mean or sd is not finite.
+    """
     if not (math.isfinite(mean) and math.isfinite(sd)):
         return dict.fromkeys(("mean", "sd", *QUANTILES))
     normal = NormalDist()
