@@ -1,0 +1,175 @@
+"""Active regions and coronal holes near which a burst may have started, as longitude extents at a time.
+
+Active regions come from the Solar Region Summary of NOAA, coronal holes from a table with the columns
+``hole_id, lon_min_deg, lon_max_deg, lat_min_deg, lat_max_deg, polarity, source``: Stonyhurst degrees, west and north
+positive, lines that begin with ``#`` are comments. Where ``lon_min_deg`` is larger than ``lon_max_deg`` a hole lies
+across the far side.
+"""
+
+from dataclasses import dataclass, replace
+from datetime import datetime, time
+from pathlib import Path
+from typing import Any
+
+import astropy.units as u
+import numpy as np
+import pandas as pd
+
+from bella.exceptions import InputError
+
+HOLE_NUMBERS = ("lon_min_deg", "lon_max_deg", "lat_min_deg", "lat_max_deg")
+HOLE_COLUMNS = ("hole_id", *HOLE_NUMBERS, "polarity", "source")
+LEAST_EXTENT_DEG = 2.0
+"""A region without an extent, such as a plage, is given this: positions are whole degrees."""
+
+
+@dataclass(frozen=True)
+class SourceRegion:
+    """An active region or coronal hole.
+
+    Attributes
+    ----------
+    name : str
+        Such as ``11493``, or the identifier of a hole.
+    kind : str
+        ``active region`` or ``coronal hole``.
+    longitude_deg, latitude_deg : float
+        Stonyhurst coordinates of the middle, degrees, west and north positive.
+    width_deg, height_deg : float
+        Extents in longitude and latitude; the summary of NOAA has no extent in latitude, there it is NaN.
+    utc : numpy.datetime64
+        When it was there.
+    remark : str
+        Magnetic class, or polarity and source of a hole.
+    """
+
+    name: str
+    kind: str
+    longitude_deg: float
+    latitude_deg: float
+    width_deg: float
+    height_deg: float
+    utc: np.datetime64
+    remark: str
+
+    def at(self, utc: np.datetime64) -> "SourceRegion":
+        """Where the region is at another time, turned with the differential rotation of the Sun.
+
+        Parameters
+        ----------
+        utc : numpy.datetime64
+
+        Returns
+        -------
+        SourceRegion
+            With its Stonyhurst longitude in (-180, 180].
+
+        Notes
+        -----
+        Rotation of magnetic features at their latitude: Howard, Harvey & Forgach 1990, Sol. Phys. 130, 295,
+        doi:10.1007/BF00156795, less the motion of Earth.
+        """
+        # sunpy takes half a second to import, and its rotation is a longitude that wraps: ask for a day of it
+        from sunpy.sun.models import differential_rotation  # noqa: PLC0415
+
+        per_day = differential_rotation(1 * u.day, self.latitude_deg * u.deg, frame_time="synodic")
+        turned = self.longitude_deg + float(per_day.to_value(u.deg)) * float((utc - self.utc) / np.timedelta64(1, "D"))
+        return replace(self, longitude_deg=180.0 - (180.0 - turned) % 360.0, utc=utc)
+
+
+def read_active_regions(path: Path) -> list[SourceRegion]:
+    """Active regions of a Solar Region Summary of NOAA.
+
+    Parameters
+    ----------
+    path : Path
+        The text file; regions that are due to return have no position and are left out.
+
+    Returns
+    -------
+    list of SourceRegion
+        Where they were at the end of the day before the issue, as the summary states.
+
+    Raises
+    ------
+    InputError
+        If the file is not a Solar Region Summary.
+    """
+    from sunpy.io.special.srs import read_srs  # noqa: PLC0415
+
+    try:
+        table = read_srs(path)
+        issued = table.meta["issued"]
+        rows = [row for row in table if row["ID"] in {"I", "IA"}]
+        return [_active_region(row, issued) for row in rows]
+    except (OSError, LookupError, ValueError, TypeError, AttributeError) as error:
+        raise InputError(
+            f"{path.name} is not a Solar Region Summary ({type(error).__name__}); give the text file of NOAA"
+        ) from error
+
+
+def _active_region(row: Any, issued: datetime) -> SourceRegion:
+    extent, spotless = row["Longitudinal Extent"], row["ID"] == "IA"
+    width = LEAST_EXTENT_DEG if spotless else max(float(u.Quantity(extent).value), LEAST_EXTENT_DEG)
+    return SourceRegion(
+        name=str(row["Number"]),
+        kind="active region",
+        longitude_deg=float(u.Quantity(row["Longitude"]).value),
+        latitude_deg=float(u.Quantity(row["Latitude"]).value),
+        width_deg=width,
+        height_deg=float("nan"),
+        utc=np.datetime64(datetime.combine(issued.date(), time()), "ns"),
+        remark="plage" if spotless else str(row["Mag Type"]),
+    )
+
+
+def read_coronal_holes(path: Path, utc: np.datetime64) -> list[SourceRegion]:
+    """Coronal holes from a table of their extents.
+
+    Parameters
+    ----------
+    path : Path
+        CSV with the columns that the module describes.
+    utc : numpy.datetime64
+        Time of the image in which they were measured.
+
+    Returns
+    -------
+    list of SourceRegion
+
+    Raises
+    ------
+    InputError
+        If the file cannot be read, a column is missing, or a row has no possible extent.
+    """
+    try:
+        frame = pd.read_csv(path, comment="#", skipinitialspace=True, dtype={"hole_id": str, "polarity": str})
+    except (OSError, ValueError) as error:
+        reason = " ".join(str(error).split())
+        raise InputError(f"{path.name} cannot be read ({reason}): give {', '.join(HOLE_COLUMNS)}") from error
+    missing = [name for name in HOLE_COLUMNS if name not in frame.columns]
+    if missing:
+        raise InputError(f"{path.name}: column {missing[0]} is missing; needed are {', '.join(HOLE_COLUMNS)}")
+    for name in HOLE_NUMBERS:
+        frame[name] = pd.to_numeric(frame[name], errors="coerce")
+    limits = {"lon": 180.0, "lat": 90.0}
+    possible = np.all([frame[name].abs() <= limits[name[:3]] for name in HOLE_NUMBERS], axis=0)
+    bad = np.flatnonzero(~possible | (frame["lat_min_deg"] > frame["lat_max_deg"]))
+    if bad.size:
+        raise InputError(f"{path.name}: row {bad[0] + 1} has no possible extent; give Stonyhurst degrees, least first")
+    return [_hole(row, utc) for _, row in frame.iterrows()]
+
+
+def _hole(row: "pd.Series[float]", utc: np.datetime64) -> SourceRegion:
+    width = float(row["lon_max_deg"] - row["lon_min_deg"]) % 360.0
+    middle = float(row["lon_min_deg"]) + 0.5 * width
+    return SourceRegion(
+        name=str(row["hole_id"]),
+        kind="coronal hole",
+        longitude_deg=180.0 - (180.0 - middle) % 360.0,
+        latitude_deg=0.5 * float(row["lat_min_deg"] + row["lat_max_deg"]),
+        width_deg=width,
+        height_deg=float(row["lat_max_deg"] - row["lat_min_deg"]),
+        utc=utc.astype("datetime64[ns]"),
+        remark=f"polarity {row['polarity']}, {row['source']}",
+    )
