@@ -18,9 +18,12 @@ if TYPE_CHECKING:
     from bella.plotting.coverage import write_coverage_png
     from bella.plotting.day import write_spectrum_png
     from bella.plotting.printed import write_constellation_png, write_spectra_png
+    from bella.plotting.track import write_density_png, write_polar_fit_png
+    from bella.plotting.wind import WindScene, write_wind_map_png
 
 __all__ = [
     "TrackView",
+    "WindScene",
     "constellation_figure",
     "edge_name",
     "plotly_script",
@@ -32,16 +35,23 @@ __all__ = [
     "write_calibration_png",
     "write_constellation_png",
     "write_coverage_png",
+    "write_density_png",
+    "write_polar_fit_png",
     "write_spectra_png",
     "write_spectrum_png",
+    "write_wind_map_png",
 ]
 
 _DRAWN_IN = {
+    "WindScene": "bella.plotting.wind",
     "write_calibration_png": "bella.plotting.calibration",
     "write_constellation_png": "bella.plotting.printed",
     "write_coverage_png": "bella.plotting.coverage",
+    "write_density_png": "bella.plotting.track",
+    "write_polar_fit_png": "bella.plotting.track",
     "write_spectra_png": "bella.plotting.printed",
     "write_spectrum_png": "bella.plotting.day",
+    "write_wind_map_png": "bella.plotting.wind",
 }
 
 

@@ -21,6 +21,11 @@ class TrackStyle:
         red, green, blue = self.rgb
         return f"rgba({red},{green},{blue},{opacity:g})"
 
+    def shade_rgba(self, opacity: float) -> tuple[float, float, float, float]:
+        """Colour with an opacity between 0 and 1, as matplotlib takes it."""
+        red, green, blue = (part / 255.0 for part in self.rgb)
+        return red, green, blue, opacity
+
 
 def _style(colour: str, symbol: str, printed_marker: str) -> TrackStyle:
     red, green, blue = (int(colour[i : i + 2], 16) for i in (1, 3, 5))
