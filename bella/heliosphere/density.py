@@ -21,6 +21,8 @@ PLASMA_KHZ_CM32 = float(
 RANGE_LIMITS_RSUN = (1.0, 400.0)
 """Where a frequency is looked for."""
 BISECTIONS = 60
+CORONA_RSUN = 10.0
+"""Models of the corona alone say nothing farther out than this."""
 
 
 @dataclass(frozen=True)

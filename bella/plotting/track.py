@@ -1,6 +1,6 @@
 """What a track says of the wind, as PNG files: the spiral in polar coordinates, and frequencies against distances."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -15,13 +15,12 @@ from matplotlib.ticker import FixedLocator, FuncFormatter, NullFormatter, NullLo
 
 from bella.exceptions import InputError
 from bella.heliosphere import DENSITY_MODELS, emission_frequency_mhz, spiral_longitude_deg
+from bella.heliosphere.density import CORONA_RSUN
 from bella.heliosphere.parker import SPIRAL_ORIGIN_RSUN
+from bella.heliosphere.polar import has_longitude, polar_covariance
 from bella.plotting.geometry import PolarTrack, polar_track, spread_indices
 from bella.plotting.palette import FREQUENCY_TICKS_MHZ, TRACK_STYLES
 from bella.plotting.printed import save_png
-from bella.tracks import scattering_model
-from bella.tracks.density_excess import CORONA_RSUN
-from bella.tracks.piecewise import polar_points
 from bella.units import AU_RSUN, FloatArray
 
 ELLIPSES = 14
@@ -72,22 +71,23 @@ def _covariance(posterior: xr.Dataset) -> FloatArray:
 
 
 def _draw_ellipses(axes: Axes, posterior: xr.Dataset, longitude: FloatArray) -> None:
-    """One standard deviation in distance and longitude, for some of the positions that a fit would use."""
+    """One standard deviation in distance and longitude, for some of the positions that have a longitude."""
     position = np.stack([posterior["x_rsun"].to_numpy(), posterior["y_rsun"].to_numpy()], axis=-1)
-    points = polar_points(position, _covariance(posterior))
-    if not points.x.size:
+    place, covariance = polar_covariance(position, _covariance(posterior))
+    distance = place[:, 0]
+    far = np.flatnonzero(has_longitude(distance, covariance[:, 0, 0]))
+    if not far.size:
         return
-    wanted = np.linspace(points.x[0], points.x[-1], ELLIPSES)
-    chosen = np.unique(np.abs(points.x[:, None] - wanted).argmin(axis=0))
-    squared, axis = np.linalg.eigh(points.covariance[chosen])
-    middle = 360.0 * np.round((np.nanmedian(longitude) - np.median(points.y)) / 360.0)
+    wanted = np.linspace(distance[far].min(), distance[far].max(), ELLIPSES)
+    chosen = far[np.unique(np.abs(distance[far][:, None] - wanted).argmin(axis=0))]
+    squared, axis = np.linalg.eigh(covariance[chosen])
     axes.add_collection(
         EllipseCollection(
             widths=2 * np.sqrt(squared[:, 1]),
             heights=2 * np.sqrt(squared[:, 0]),
             angles=np.degrees(np.arctan2(axis[:, 1, 1], axis[:, 0, 1])),
             units="xy",
-            offsets=np.column_stack([points.x[chosen], points.y[chosen] + middle]),
+            offsets=np.column_stack([distance[chosen], longitude[chosen]]),
             offset_transform=axes.transData,
             facecolors=TRACK_STYLES[0].shade_rgba(0.07),
             edgecolors=TRACK_STYLES[0].shade_rgba(0.45),
@@ -161,7 +161,7 @@ def _frequency_bar(figure: Figure, axes: Axes, norm: LogNorm) -> None:
 
 
 def write_density_png(
-    path: Path, posterior: xr.Dataset, corrections: Sequence[str] = ("kontar-2023-fundamental", "kontar-2023-harmonic")
+    path: Path, posterior: xr.Dataset, corrected_rsun: Mapping[str, FloatArray] | None = None
 ) -> None:
     """Write frequencies against distances with what density models emit there; the file appears whole or not at all.
 
@@ -171,23 +171,26 @@ def write_density_png(
         Its folder is made when it does not exist.
     posterior : xarray.Dataset
         A solution of :func:`bella.multilateration.localise`.
-    corrections : sequence of str
-        Scattering models of :func:`bella.tracks.scattering_model` to draw beside the apparent sources, at most two.
+    corrected_rsun : mapping of str to numpy.ndarray, shape (F,), optional
+        Distances of the emission by the label of a correction for scattering, as
+        :func:`bella.tracks.corrected_source` gives them; at most two.
 
     Raises
     ------
     InputError
-        If a scattering model is not known, or there are more than two.
+        If there are more than two corrections, or one has not a distance for every frequency.
     """
+    corrections = corrected_rsun or {}
     if len(corrections) > len(CORRECTED_MARKERS):
         raise InputError(f"{len(corrections)} corrections would hide one another: choose at most two")
+    if any(np.shape(distance) != (posterior.sizes["frequency"],) for distance in corrections.values()):
+        raise InputError("a correction has not one distance for every frequency: correct the whole track")
     track = polar_track(posterior)
     figure = Figure(figsize=(7.2, 5.4), layout="constrained")
     axes = figure.add_subplot()
     _draw_models(axes, track)
     shown = spread_indices(track, ELLIPSES)
-    for name, marker in zip(corrections, CORRECTED_MARKERS, strict=False):
-        corrected = track.range_rsun / scattering_model(name).radius_factor(track.frequency_mhz)
+    for (label, corrected), marker in zip(corrections.items(), CORRECTED_MARKERS, strict=False):
         axes.plot(
             corrected[shown],
             track.frequency_mhz[shown],
@@ -196,7 +199,7 @@ def write_density_png(
             mfc="white",
             ms=5,
             lw=0.8,
-            label=f"corrected, {name}",
+            label=label,
             zorder=5,
         )
     _draw_apparent(axes, track, shown)

@@ -11,12 +11,10 @@ import pandas as pd
 
 from bella.exceptions import InputError
 from bella.heliosphere import DENSITY_MODELS, DensityModel
-from bella.heliosphere.density import PLASMA_KHZ_CM32
+from bella.heliosphere.density import CORONA_RSUN, PLASMA_KHZ_CM32
 from bella.units import FloatArray
 
 HARMONICS = (1, 2)
-CORONA_RSUN = 10.0
-"""Models of the corona alone say nothing farther out than this."""
 
 
 def inferred_density_cm3(frequency_mhz: FloatArray, harmonic: int) -> FloatArray:

@@ -16,13 +16,12 @@ import xarray as xr
 from bella.exceptions import GeometryError
 from bella.heliosphere import PAPER_FIGURES_ROTATION_D, SIDEREAL_ROTATION_D
 from bella.heliosphere.parker import SPIRAL_ORIGIN_RSUN
+from bella.heliosphere.polar import has_longitude, polar_covariance
 from bella.tracks.errors_in_both import BrokenLine, Points, fit_broken_line
 from bella.tracks.two_step import MIN_POINTS, STRAIGHT_DEG_PER_RSUN, gaussian_parameter, spiral_speed_km_s
 from bella.units import FloatArray
 
 MOST_KNOTS = 3
-NEAREST_SIGMAS = 3.0
-"""A position nearer to the Sun than this many of its errors has no longitude to speak of."""
 
 
 @dataclass(frozen=True)
@@ -110,18 +109,10 @@ def polar_points(position_rsun: FloatArray, covariance_rsun2: FloatArray) -> Poi
         If a covariance is not positive definite.
     """
     finite = np.isfinite(position_rsun).all(axis=1) & np.isfinite(covariance_rsun2).all(axis=(1, 2))
-    position, covariance = position_rsun[finite].astype(np.float64), covariance_rsun2[finite].astype(np.float64)
-    distance = np.linalg.norm(position, axis=1)
-    with np.errstate(divide="ignore", invalid="ignore"):
-        cosine, sine = position.T / distance
-        to_deg = math.degrees(1.0) / distance
-        rows = (np.stack([cosine, sine], -1), np.stack([-sine * to_deg, cosine * to_deg], -1))
-        turn = np.stack(rows, axis=1)
-        polar = np.einsum("nij,njk,nlk->nil", turn, covariance, turn)
-        far = np.flatnonzero(distance**2 > NEAREST_SIGMAS**2 * polar[:, 0, 0])
-    kept = far[np.argsort(distance[far], kind="stable")]
-    longitude = np.degrees(np.arctan2(position[kept, 1], position[kept, 0]))
-    return Points(distance[kept], np.unwrap(longitude, period=360.0), polar[kept])
+    place, covariance = polar_covariance(position_rsun[finite], covariance_rsun2[finite])
+    far = np.flatnonzero(has_longitude(place[:, 0], covariance[:, 0, 0]))
+    kept = far[np.argsort(place[far, 0], kind="stable")]
+    return Points(place[kept, 0], np.unwrap(place[kept, 1], period=360.0), covariance[kept])
 
 
 def fit_piecewise_spiral(

@@ -13,8 +13,10 @@ from bella.exceptions import InputError
 from bella.plotting import write_density_png, write_polar_fit_png
 from bella.plotting.geometry import polar_track
 from bella.plotting.track import _draw_ellipses, _draw_fits, _draw_models, _without_jumps
-from bella.tracks import piecewise_fit, track_fit
+from bella.tracks import corrected_source, piecewise_fit, scattering_model, track_fit
 from tests.plotting.synthetic import synthetic_posterior
+
+ORANGE = np.array([0xD9, 0x5F, 0x02]) / 255.0
 
 
 def broken_track(middle_deg: float) -> xr.Dataset:
@@ -84,13 +86,29 @@ def test_polar_figure_of_a_track_too_near_for_a_fit(tmp_path: Path) -> None:
 
 
 def test_density_figure_is_written(tmp_path: Path) -> None:
-    write_density_png(tmp_path / "density.png", synthetic_posterior())
-    assert [entry.name for entry in tmp_path.iterdir()] == ["density.png"]
+    posterior = synthetic_posterior()
+    track, model = polar_track(posterior), scattering_model("kontar-2023-harmonic")
+    source = corrected_source(track.range_rsun, 0 * track.range_rsun, track.frequency_mhz, model)
+
+    write_density_png(tmp_path / "apparent.png", posterior)
+    write_density_png(tmp_path / "corrected.png", posterior, {source.label: source.range_rsun})
+
+    orange = [
+        int((np.abs(matplotlib.image.imread(tmp_path / name)[..., :3] - ORANGE).max(axis=-1) < 0.02).sum())
+        for name in ("apparent.png", "corrected.png")
+    ]
+    assert orange[0] == 0
+    assert orange[1] > 500
 
 
-def test_density_figure_refuses_what_it_cannot_draw(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match="is not known"):
-        write_density_png(tmp_path / "density.png", synthetic_posterior(), ["isotropic"])
-    with pytest.raises(InputError, match="at most two"):
-        write_density_png(tmp_path / "density.png", synthetic_posterior(), ["none"] * 3)
+@pytest.mark.parametrize(
+    ("corrected", "reason"),
+    [
+        ({"a": np.ones(200), "b": np.ones(200), "c": np.ones(200)}, "at most two"),
+        ({"a": np.ones(3)}, "the whole track"),
+    ],
+)
+def test_density_figure_refuses_what_it_cannot_draw(tmp_path: Path, corrected: dict, reason: str) -> None:
+    with pytest.raises(InputError, match=reason):
+        write_density_png(tmp_path / "density.png", synthetic_posterior(), corrected)
     assert list(tmp_path.iterdir()) == []
