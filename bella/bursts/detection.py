@@ -32,9 +32,10 @@ DETECTION_COLUMNS = {
     "isolated": "bool",
     "tier": "object",
     "reason": "object",
+    "burst_id": "object",
 }
-"""Of a detection table. ``start_utc`` is the onset at the highest frequency, ``drift`` the beam speed in units of c that
-fits best."""
+"""Of a detection table, with their types. ``start_utc`` is the onset at the highest frequency, ``drift`` the beam speed
+in units of c that fits best, ``burst_id`` is empty until spacecraft are compared."""
 
 THRESHOLD = 6.0
 SEED_THRESHOLD = 4.0
@@ -60,7 +61,7 @@ BEFORE_S, AFTER_S = 20 * 60.0, 30 * 60.0
 WEAK_SHARE = 0.3
 """Another with less than this share of its score does not count."""
 
-SECOND_PEAK_DB = 3.0
+SECOND_PEAK_DB = 2.0
 SECOND_PEAK_SHARE = 0.25
 NO_SUPPORT, NO_DRIFT, GROUP, GAP = "few_channels_above_0.8_mhz", "no_drift", "group", "gap_in_flank"
 CATALOGUED, REJECTED = "catalogued", "rejected"
@@ -78,6 +79,38 @@ class Candidate(NamedTuple):
     """Which channels see it."""
     reason: str
     """Why it is no burst; empty if it is one."""
+
+
+class Searched(NamedTuple):
+    """The spectrum of one spacecraft after the search."""
+
+    observatory: str
+    grid: SearchGrid
+    match: Match
+    found: tuple[Candidate, ...]
+    """In order of time."""
+
+
+def search(spectrum: xr.Dataset) -> Searched:
+    """Search the spectrum of one spacecraft.
+
+    Parameters
+    ----------
+    spectrum : xarray.Dataset
+        Dynamic spectrum, best of a whole day with all receivers combined.
+
+    Returns
+    -------
+    Searched
+
+    Raises
+    ------
+    InputError
+        If the quantity of the spectrum is not known.
+    """
+    grid = search_grid(spectrum)
+    match = drift_match(channel_match(grid.excess_db, grid.noise_db))
+    return Searched(str(spectrum.attrs["observatory"]), grid, match, tuple(candidates(match)))
 
 
 def detect_bursts(spectrum: xr.Dataset) -> pd.DataFrame:
@@ -99,9 +132,8 @@ def detect_bursts(spectrum: xr.Dataset) -> pd.DataFrame:
     InputError
         If the quantity of the spectrum is not known.
     """
-    grid = search_grid(spectrum)
-    match = drift_match(channel_match(grid.excess_db, grid.noise_db))
-    return detection_table(str(spectrum.attrs["observatory"]), grid, candidates(match))
+    searched = search(spectrum)
+    return detection_table([detection_row(searched, one) for one in searched.found])
 
 
 def candidates(match: Match, threshold: float = THRESHOLD) -> list[Candidate]:
@@ -117,15 +149,27 @@ def candidates(match: Match, threshold: float = THRESHOLD) -> list[Candidate]:
     list of Candidate
     """
     score = match.score[: len(BEAM_SPEEDS_C)].max(axis=0)
-    found = []
+    found: list[int] = []
     for record in np.flatnonzero(score >= threshold):
         around = score[max(0, record - APART_RECORDS) : record + APART_RECORDS + 1]
         if score[record] == around.max() and not (found and record - found[-1] <= APART_RECORDS):
             found.append(int(record))
-    return [_candidate(match, record) for record in found]
+    return [candidate_at(match, record) for record in found]
 
 
-def _candidate(match: Match, record: int) -> Candidate:
+def candidate_at(match: Match, record: int) -> Candidate:
+    """What the matched filter shows at a minute, judged.
+
+    Parameters
+    ----------
+    match : Match
+        Of which at least one channel sees something at this minute.
+    record : int
+
+    Returns
+    -------
+    Candidate
+    """
     drift = int(match.score[: len(BEAM_SPEEDS_C), record].argmax())
     score, hit = float(match.score[drift, record]), _longest_run(match.hit[drift, record], match.measured)
     reason = _why_none(hit, score, _undrifting(match, record))
@@ -152,32 +196,42 @@ def _why_none(hit: npt.NDArray[np.bool_], score: float, undrifting: tuple[float,
     return "" if drifts else NO_DRIFT
 
 
-def detection_table(observatory: str, grid: SearchGrid, found: Sequence[Candidate]) -> pd.DataFrame:
-    """Measure candidates on the grid they were found on.
+def detection_table(rows: Sequence[dict[str, object]]) -> pd.DataFrame:
+    """Detection table of rows.
 
     Parameters
     ----------
-    observatory : str
-    grid : SearchGrid
-    found : sequence of Candidate
+    rows : sequence of dict
+        As from :func:`detection_row`.
 
     Returns
     -------
     pandas.DataFrame
-        As :func:`detect_bursts` returns it.
+        `DETECTION_COLUMNS` with their types, also where there are no rows.
     """
-    rows = [_row(observatory, grid, one, _why_not_alone(grid, one, found)) for one in found]
-    return pd.DataFrame(rows, columns=list(DETECTION_COLUMNS)).astype(DETECTION_COLUMNS)
+    return pd.DataFrame(list(rows), columns=list(DETECTION_COLUMNS)).astype(DETECTION_COLUMNS)
 
 
-def _row(observatory: str, grid: SearchGrid, one: Candidate, company: str) -> dict[str, object]:
-    band = np.flatnonzero(one.hit)
-    onset = one.record + np.rint(drift_delays_s()[one.drift] / STEP_S).astype(int)
-    peaks = np.array([_peak(grid.excess_db[:, channel], onset[channel], channel) for channel in band])
+def detection_row(searched: Searched, one: Candidate) -> dict[str, object]:
+    """Measure a candidate on the grid it was found on.
+
+    Parameters
+    ----------
+    searched : Searched
+    one : Candidate
+
+    Returns
+    -------
+    dict
+        Keys are `DETECTION_COLUMNS`.
+    """
+    grid, company = searched.grid, why_not_alone(searched, one)
+    band, onset = np.flatnonzero(one.hit), onset_records(one)
+    peaks = np.array([_peak(grid.excess_db[:, channel], int(onset[channel]), int(channel)) for channel in band])
     heights = grid.excess_db[peaks, band]
     last = int(peaks[0] + decay_s(float(FREQUENCY_MHZ[band[0]])) // STEP_S)
     return {
-        "observatory": observatory,
+        "observatory": searched.observatory,
         "start_utc": _utc(grid, onset[band[-1]]),
         "peak_utc": _utc(grid, peaks[int(np.nanargmax(heights))] + 0.5),
         "end_utc": _utc(grid, min(last + 1, len(grid.excess_db))),
@@ -190,11 +244,26 @@ def _row(observatory: str, grid: SearchGrid, one: Candidate, company: str) -> di
         "isolated": not company,
         "tier": REJECTED if one.reason else CATALOGUED,
         "reason": one.reason or company,
+        "burst_id": "",
     }
 
 
-def _utc(grid: SearchGrid, record: float) -> np.datetime64:
-    return np.datetime64(grid.start + np.timedelta64(int(record * STEP_S * 1e9), "ns"), "ns")
+def onset_records(one: Candidate) -> npt.NDArray[np.intp]:
+    """Minute of the onset in every channel of the grid.
+
+    Parameters
+    ----------
+    one : Candidate
+
+    Returns
+    -------
+    numpy.ndarray, shape (CHANNELS,)
+    """
+    return np.asarray(one.record + np.rint(drift_delays_s()[one.drift] / STEP_S), dtype=np.intp)
+
+
+def _utc(grid: SearchGrid, record: float) -> pd.Timestamp:
+    return pd.Timestamp(grid.start) + pd.Timedelta(seconds=float(record) * STEP_S)
 
 
 def _longest_run(hit: npt.NDArray[np.bool_], measured: npt.NDArray[np.bool_]) -> npt.NDArray[np.bool_]:
@@ -217,18 +286,32 @@ def _peak(excess_db: FloatArray, onset: int, channel: int) -> int:
     return int(onset + np.nanargmax(np.where(np.isfinite(window), window, -np.inf)))
 
 
-def _why_not_alone(grid: SearchGrid, one: Candidate, found: Sequence[Candidate]) -> str:
-    """Reason why a candidate is not isolated; empty if it is."""
-    for other in found:
+def why_not_alone(searched: Searched, one: Candidate) -> str:
+    """Reason why a candidate is not isolated.
+
+    Parameters
+    ----------
+    searched : Searched
+    one : Candidate
+
+    Returns
+    -------
+    str
+        "group" where others are near it or its light curves have a second peak, "gap_in_flank" where minutes around its
+        rise are missing; empty if it is isolated.
+    """
+    for other in searched.found:
         apart_s = (other.record - one.record) * STEP_S
-        if apart_s and not other.reason and -BEFORE_S < apart_s < AFTER_S and other.score > WEAK_SHARE * one.score:
+        near = abs(other.record - one.record) > APART_RECORDS and -BEFORE_S < apart_s < AFTER_S
+        if near and not other.reason and other.score > WEAK_SHARE * one.score:
             return GROUP
-    band = np.flatnonzero(one.hit)
-    onset = one.record + np.rint(drift_delays_s()[one.drift] / STEP_S).astype(int)
+    grid, band, onset = searched.grid, np.flatnonzero(one.hit), onset_records(one)
     if any(_has_gap(grid, int(onset[channel]), int(channel)) for channel in band[:: max(1, band.size // 8)]):
         return GAP
     twice = [_second_peak(grid, int(onset[channel]), int(channel)) for channel in band]
-    return GROUP if np.mean(twice) > SECOND_PEAK_SHARE else ""
+    # bursts minutes apart are one at low frequencies, where they last longer
+    shares = [np.mean(twice), np.mean(twice[len(twice) // 2 :]), np.mean(twice[-(len(twice) // 4 + 1) :])]
+    return GROUP if max(shares) > SECOND_PEAK_SHARE else ""
 
 
 def _has_gap(grid: SearchGrid, onset: int, channel: int) -> bool:

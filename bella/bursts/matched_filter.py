@@ -10,13 +10,14 @@ from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
+import numpy.typing as npt
 
 from bella.bursts.search_grid import CHANNELS, FREQUENCY_MHZ, STEP_S
 from bella.bursts.widths import decay_s, rise_half_width_s
 from bella.heliosphere import DENSITY_MODELS, emission_range_rsun
 from bella.units import C_RSUN_S, FloatArray
 
-BEAM_SPEEDS_C = tuple(float(speed) for speed in np.geomspace(0.05, 0.45, 10))
+BEAM_SPEEDS_C = tuple(float(speed) for speed in np.geomspace(0.04, 0.45, 10))
 SLOWING = 0.37
 """Beams slow down as r^-0.37 (Krupar et al. 2015, A&A 580, A137, doi:10.1051/0004-6361/201425308)."""
 
@@ -36,9 +37,9 @@ class Match(NamedTuple):
 
     score: FloatArray
     """Shape (drifts, minutes): beams that leave the Sun, as many as `BEAM_SPEEDS_C`, then drifts that are none."""
-    hit: np.ndarray
+    hit: npt.NDArray[np.bool_]
     """Which channels see it, bool, shape (drifts, minutes, CHANNELS)."""
-    measured: np.ndarray
+    measured: npt.NDArray[np.bool_]
     """Which channels have data at all, bool, shape (CHANNELS,)."""
 
 
@@ -62,7 +63,7 @@ def drift_delays_s() -> FloatArray:
 
 @lru_cache(maxsize=1)
 def _pulses() -> tuple[FloatArray, ...]:
-    """Weights of the minutes from the onset on, by channel: a pulse in dB as a minute's mean sees it, up to one decay."""
+    """Weights of the minutes from the onset on, by channel: a pulse in dB as a minute sees it, up to one decay."""
     weights = []
     for frequency in FREQUENCY_MHZ:
         rise, decay = rise_half_width_s(float(frequency)), decay_s(float(frequency))
@@ -148,4 +149,4 @@ def drift_match(match: FloatArray) -> Match:
     hit = known & (shifted > HIT)
     number = np.maximum(known.sum(axis=2), 1)
     score = clipped.sum(axis=2) / np.sqrt(number) * np.minimum(1.0, hit.sum(axis=2) / ENOUGH_HITS)
-    return Match(score, hit, np.isfinite(match).any(axis=0))
+    return Match(score, hit, np.asarray(np.isfinite(match).any(axis=0)))

@@ -1,0 +1,232 @@
+"""Which spacecraft heard the same burst.
+
+Two spacecraft hear a frequency at times that differ by no more than light takes from one to the other. Bursts are taken
+strongest first; at every other spacecraft the best detection within that window is theirs, or, where the search alone
+found nothing, what a search of the window itself finds: a source behind the Sun is heard late and low.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+import pandas as pd
+
+from bella.bursts.detection import (
+    CATALOGUED,
+    GROUP,
+    Candidate,
+    Searched,
+    candidate_at,
+    detection_row,
+    detection_table,
+    onset_records,
+    why_not_alone,
+)
+from bella.bursts.identity import burst_id
+from bella.bursts.matched_filter import BEAM_SPEEDS_C
+from bella.bursts.search_grid import FREQUENCY_MHZ, STEP_S
+from bella.spacecraft import position_hee
+from bella.units import C_RSUN_S, FloatArray
+
+SLACK_S = 60.0
+"""By how much a window is wider than light travel: onsets are known to the minute."""
+
+SEED_SCORE, SEED_HITS = 6.0, 10
+FEWEST_SPACECRAFT = 3
+LEAST_SPREAD_RSUN = 10.0
+"""Spacecraft nearer to one line than this cannot tell two sides of it: 23 s of light."""
+
+LOW_MHZ, LEAST_LOW = 2.0, 4
+"""Sources are placed below this frequency, where a minute is short against light travel; so many channels there have
+to be seen by three spacecraft."""
+
+WEAK_SCORE = 16.0
+"""A spacecraft with a lower score times no edge well, and may as well have heard another burst."""
+
+SLOWEST = 0
+"""Index of the slowest beam: what drifts like it, or slower, may be a lane of a Type II burst."""
+
+LOCALISABLE = "localisable"
+
+
+@dataclass(frozen=True)
+class Member:
+    """A burst at one spacecraft."""
+
+    searched: Searched
+    candidate: Candidate
+    company: str
+    """Why it is not isolated; empty if it is."""
+
+
+@dataclass(frozen=True)
+class AssociatedBurst:
+    """A burst that one or more spacecraft heard.
+
+    Attributes
+    ----------
+    members : tuple of Member
+        Strongest first.
+    tier : str
+        "localisable", or "catalogued" with the reason why it is no more.
+    reason : str
+    """
+
+    members: tuple[Member, ...]
+    tier: str = CATALOGUED
+    reason: str = ""
+    observatories: tuple[str, ...] = field(init=False)
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "observatories", tuple(one.searched.observatory for one in self.members))
+
+    @property
+    def start_utc(self) -> pd.Timestamp:
+        """Earliest onset at the highest frequency of a spacecraft."""
+        return min(_start(one.searched, one.candidate) for one in self.members)
+
+    @property
+    def burst_id(self) -> str:
+        """Name of the burst, after its onset."""
+        return burst_id(self.start_utc.to_datetime64())
+
+
+def associate(searched: Sequence[Searched]) -> list[AssociatedBurst]:
+    """Bursts of the fleet.
+
+    Parameters
+    ----------
+    searched : sequence of Searched
+        One for each spacecraft, of about the same time.
+
+    Returns
+    -------
+    list of AssociatedBurst
+        In order of time, each accepted detection in exactly one.
+
+    Raises
+    ------
+    NoDataError
+        If the ephemeris does not have a spacecraft.
+    """
+    free = [(one, spectrum) for spectrum in searched for one in spectrum.found if not one.reason]
+    free.sort(key=lambda pair: -pair[0].score)
+    taken: set[tuple[str, int]] = set()
+    bursts = []
+    for one, spectrum in free:
+        if (spectrum.observatory, one.record) in taken:
+            continue
+        members = [Member(spectrum, one, why_not_alone(spectrum, one))]
+        for other in searched:
+            if other.observatory != spectrum.observatory:
+                members += _heard_by(other, members, taken)
+        taken |= {(member.searched.observatory, member.candidate.record) for member in members}
+        bursts.append(_judged(members))
+    return sorted(bursts, key=lambda burst: burst.start_utc)
+
+
+def association_table(bursts: Sequence[AssociatedBurst], searched: Sequence[Searched]) -> pd.DataFrame:
+    """Detections of all spacecraft with the burst they belong to, and those refused.
+
+    Parameters
+    ----------
+    bursts : sequence of AssociatedBurst
+    searched : sequence of Searched
+        What the bursts were found in.
+
+    Returns
+    -------
+    pandas.DataFrame
+        Detection table in order of time; ``tier`` and ``reason`` are those of the burst.
+    """
+    rows = [
+        detection_row(member.searched, member.candidate)
+        | {"burst_id": burst.burst_id, "tier": burst.tier, "reason": burst.reason}
+        for burst in bursts
+        for member in burst.members
+    ]
+    rows += [detection_row(spectrum, one) for spectrum in searched for one in spectrum.found if one.reason]
+    return detection_table(rows).sort_values(["start_utc", "observatory"], ignore_index=True)
+
+
+def _start(searched: Searched, one: Candidate) -> pd.Timestamp:
+    highest = int(np.flatnonzero(one.hit)[-1])
+    return pd.Timestamp(searched.grid.start) + pd.Timedelta(seconds=float(onset_records(one)[highest]) * STEP_S)
+
+
+def _heard_by(other: Searched, members: Sequence[Member], taken: set[tuple[str, int]]) -> list[Member]:
+    """The same burst at another spacecraft, or nothing."""
+    free = [one for one in other.found if not one.reason and (other.observatory, one.record) not in taken]
+    fitting = [one for one in free if all(_may_be_same(other, one, member) for member in members)]
+    if not fitting:
+        fitting = [one for one in _seeded(other, members[0]) if all(_may_be_same(other, one, m) for m in members)]
+        fitting = [one for one in fitting if (other.observatory, one.record) not in taken]
+    best = sorted(fitting, key=lambda one: -one.score)[:1]
+    return [Member(other, one, why_not_alone(other, one)) for one in best]
+
+
+def _may_be_same(other: Searched, one: Candidate, member: Member) -> bool:
+    """Whether onsets in a channel that both see are no further apart than light is."""
+    both = np.flatnonzero(one.hit & member.candidate.hit)
+    channel = int(both[-1]) if both.size else int(np.flatnonzero(one.hit | member.candidate.hit)[0])
+    apart_s = (other.grid.start - member.searched.grid.start) / np.timedelta64(1, "s")
+    apart_s += STEP_S * float(onset_records(one)[channel] - onset_records(member.candidate)[channel])
+    return bool(abs(apart_s) <= _window_s(other.observatory, member.searched.observatory, other.grid.start))
+
+
+def _window_s(first: str, second: str, utc: np.datetime64) -> float:
+    there = [position_hee(name, np.array([utc]), utc)[0] for name in (first, second)]
+    return float(np.linalg.norm(there[0] - there[1]) / C_RSUN_S) + SLACK_S
+
+
+def _seeded(other: Searched, member: Member) -> list[Candidate]:
+    """The best of what the filter shows in the window of a burst that another spacecraft heard."""
+    window_s = _window_s(other.observatory, member.searched.observatory, other.grid.start)
+    before_s = (other.grid.start - member.searched.grid.start) / np.timedelta64(1, "s")
+    centre = member.candidate.record - before_s / STEP_S
+    reach = window_s / STEP_S
+    records = np.arange(max(0, int(centre - reach)), min(other.match.score.shape[1], int(centre + reach) + 2))
+    if not records.size:
+        return []
+    record = int(records[other.match.score[: len(BEAM_SPEEDS_C), records].max(axis=0).argmax()])
+    if other.match.score[: len(BEAM_SPEEDS_C), record].max() < SEED_SCORE:
+        return []
+    one = candidate_at(other.match, record)
+    rises = other.match.score[len(BEAM_SPEEDS_C) + 1 :, record].max()
+    return [one._replace(reason="")] if one.hit.sum() >= SEED_HITS and rises < one.score else []
+
+
+def _judged(members: Sequence[Member]) -> AssociatedBurst:
+    reason = _why_not_localisable(members)
+    return AssociatedBurst(tuple(members), CATALOGUED if reason else LOCALISABLE, reason)
+
+
+def _why_not_localisable(members: Sequence[Member]) -> str:
+    company = {member.searched.observatory: _unfit(member) for member in members if _unfit(member)}
+    if GROUP in company.values():
+        return f"not localisable: {GROUP}"
+    alone = [member for member in members if member.searched.observatory not in company]
+    if len(alone) < FEWEST_SPACECRAFT:
+        rest = "".join(f", {why} at {name}" for name, why in company.items())
+        return f"not localisable: heard by {len(members)} of {FEWEST_SPACECRAFT} spacecraft{rest}"
+    seen = np.sum([member.candidate.hit & (FREQUENCY_MHZ < LOW_MHZ) for member in alone], axis=0)
+    if np.count_nonzero(seen >= FEWEST_SPACECRAFT) < LEAST_LOW:
+        return f"not localisable: too few channels below {LOW_MHZ:g} MHz in common"
+    if np.median([member.candidate.drift for member in alone]) <= SLOWEST:
+        return "not localisable: drifts too slowly for a beam"
+    utc = members[0].searched.grid.start
+    where = np.array([position_hee(one.searched.observatory, np.array([utc]), utc)[0] for one in alone])
+    if _spread_rsun(where) < LEAST_SPREAD_RSUN:
+        return "not localisable: spacecraft on a line"
+    return ""
+
+
+def _unfit(member: Member) -> str:
+    """Why a spacecraft does not help to place a burst; empty if it does."""
+    return member.company or ("weak" if member.candidate.score < WEAK_SCORE else "")
+
+
+def _spread_rsun(where_rsun: FloatArray) -> float:
+    """How far spacecraft are off the line through them, in the ecliptic plane."""
+    inner = where_rsun[:, :2] - where_rsun[:, :2].mean(axis=0)
+    return float(np.linalg.svd(inner, compute_uv=False)[-1])
