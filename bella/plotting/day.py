@@ -1,16 +1,20 @@
 """One dynamic spectrum as a PNG: what a spacecraft received, in dB over the background, as for a look at a day."""
 
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
 import numpy.typing as npt
+import pandas as pd
 import xarray as xr
 from matplotlib.axes import Axes
+from matplotlib.collections import QuadMesh
 from matplotlib.colors import LinearSegmentedColormap, PowerNorm
 from matplotlib.dates import AutoDateLocator, ConciseDateFormatter
 from matplotlib.figure import Figure
 from matplotlib.ticker import FixedLocator, FuncFormatter, NullFormatter
 
+from bella.plotting.boxes import draw_boxes, explain_boxes, part_labels, shown_detections
 from bella.plotting.palette import BRIGHTNESS_SCALE, FREQUENCY_TICKS_MHZ
 from bella.plotting.printed import save_png
 from bella.spectra import over_background
@@ -31,9 +35,11 @@ HOURS = ("%Y", "%b", "%d %b", "%H:%M", "%H:%M", "%H:%M:%S")
 LEAST_HIGHEST_DB, MOST_HIGHEST_DB = 6.0, 25.0
 BRIGHTEST_SHARE = 0.997
 NO_DATA = "#aab3bb"
+TITLE_LIFT_POINTS = 6.0
+POINTS_PER_INCH = 72.0
 
 
-def write_spectrum_png(path: Path, spectrum: xr.Dataset) -> None:
+def write_spectrum_png(path: Path, spectrum: xr.Dataset, detections: pd.DataFrame | None = None) -> None:
     """Write the dynamic spectrum of one spacecraft as a PNG; the file appears whole or not at all.
 
     Parameters
@@ -43,29 +49,105 @@ def write_spectrum_png(path: Path, spectrum: xr.Dataset) -> None:
     spectrum : xarray.Dataset
         A dynamic spectrum of any quantity; shown is dB over its background. Channels that were not measured are left
         out, and gaps are grey.
+    detections : pandas.DataFrame or None
+        Detection table: what it holds of this spacecraft and time is outlined, with its onset above; what was rejected
+        is dashed, with its reason.
 
     Raises
     ------
     InputError
-        If the quantity of the spectrum is not known.
+        If the quantity of the spectrum is not known, or the detection table lacks a column.
     """
+    save_png(_day_figure(spectrum, detections), path)
+
+
+def _day_figure(spectrum: xr.Dataset, detections: pd.DataFrame | None) -> Figure:
     over = _drawn(over_background(spectrum))
-    intensity = over["intensity"].to_numpy().T.astype(np.float64)
     figure = Figure(figsize=(10.0, 4.2), layout="constrained")
     axes = figure.add_subplot(facecolor=NO_DATA)
+    mesh = draw_intensity(axes, over, BRIGHTNESS_SCALE)
+    figure.colorbar(mesh, ax=axes, pad=0.01, aspect=28, extend="max", label="dB over background")
+    time_axis(axes)
+    axes.set_xlabel("UTC")
+    height = 0.0 if detections is None else _outline(figure, axes, shown_detections(detections, over))
+    _write_title(axes, over, TITLE_LIFT_POINTS + height)
+    figure.set_figheight(figure.get_figheight() + height / POINTS_PER_INCH)
+    return figure
+
+
+def _outline(figure: Figure, axes: Axes, detections: pd.DataFrame) -> float:
+    """Draw boxes, and say how high their labels reach above the spectrum, points."""
+    if detections.empty:
+        return 0.0
+    labels = draw_boxes(axes, detections)
+    explain_boxes(axes, detections)
+    figure.draw_without_rendering()  # only now is it known how wide the spectrum is, and what room labels have
+    return part_labels(axes, labels, detections)
+
+
+def draw_intensity(axes: Axes, over: xr.Dataset, scale: Sequence[tuple[float, str]]) -> QuadMesh:
+    """Draw a spectrum in dB over its background: cells as far as their channels and records reach, gaps left empty.
+
+    Parameters
+    ----------
+    axes : matplotlib.axes.Axes
+        Its frequency axis becomes logarithmic, with the limits of the channels.
+    over : xarray.Dataset
+        As :func:`bella.spectra.over_background` returns it.
+    scale : sequence of (float, str)
+        Colours from 0 to the brightest.
+
+    Returns
+    -------
+    matplotlib.collections.QuadMesh
+    """
+    intensity = over["intensity"].transpose("frequency", "time").to_numpy().astype(np.float64)
     frequency_edges, intensity = _cells(*_channel_limits(over["frequency"].to_numpy().astype(np.float64)), intensity)
     time_edges, across = _cells(*_record_limits(over["time"].to_numpy()), intensity.T)
     mesh = axes.pcolormesh(
         time_edges.astype("datetime64[ns]"),
         frequency_edges,
         across.T,
-        cmap=LinearSegmentedColormap.from_list("brightness", BRIGHTNESS_SCALE),
+        cmap=LinearSegmentedColormap.from_list("brightness", scale),
         norm=PowerNorm(WEAK_STRETCH, 0.0, _highest_db(intensity), clip=True),
         rasterized=True,
     )
-    figure.colorbar(mesh, ax=axes, pad=0.01, aspect=28, extend="max", label="dB over background")
-    _finish(axes, over, (float(frequency_edges[0]), float(frequency_edges[-1])))
-    save_png(figure, path)
+    frequency_axis(axes, (float(frequency_edges[0]), float(frequency_edges[-1])))
+    return mesh
+
+
+def frequency_axis(axes: Axes, band: tuple[float, float]) -> None:
+    """Make the vertical axis one of frequency.
+
+    Parameters
+    ----------
+    axes : matplotlib.axes.Axes
+    band : (float, float)
+        MHz.
+    """
+    axes.set_yscale("log")
+    axes.set_ylim(band)
+    ticks = [tick for tick in (*LOW_TICKS_MHZ, *FREQUENCY_TICKS_MHZ) if band[0] <= tick <= band[1]]
+    axes.yaxis.set_major_locator(FixedLocator(ticks))
+    axes.yaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
+    axes.yaxis.set_minor_formatter(NullFormatter())
+    axes.set_ylabel("Frequency (MHz)")
+
+
+def time_axis(axes: Axes, *, most_ticks: int = 13) -> None:
+    """Make the horizontal axis one of hours and minutes, without the day.
+
+    Parameters
+    ----------
+    axes : matplotlib.axes.Axes
+    most_ticks : int
+    """
+    locator = AutoDateLocator(minticks=min(6, most_ticks // 2), maxticks=most_ticks)  # type: ignore[no-untyped-call]
+    axes.xaxis.set_major_locator(locator)
+    hours = ConciseDateFormatter(  # type: ignore[no-untyped-call]
+        locator, formats=HOURS, zero_formats=HOURS, show_offset=False
+    )
+    axes.xaxis.set_major_formatter(hours)
 
 
 def _drawn(over: xr.Dataset) -> xr.Dataset:
@@ -109,24 +191,24 @@ def _highest_db(intensity: FloatArray) -> float:
     return min(max(brightest, LEAST_HIGHEST_DB), MOST_HIGHEST_DB)
 
 
-def _finish(axes: Axes, over: xr.Dataset, band: tuple[float, float]) -> None:
-    time = over["time"].to_numpy()
-    axes.set_yscale("log")
-    axes.set_ylim(band)
-    ticks = [tick for tick in (*LOW_TICKS_MHZ, *FREQUENCY_TICKS_MHZ) if band[0] <= tick <= band[1]]
-    axes.yaxis.set_major_locator(FixedLocator(ticks))
-    axes.yaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
-    axes.yaxis.set_minor_formatter(NullFormatter())
-    locator = AutoDateLocator(minticks=6, maxticks=13)  # type: ignore[no-untyped-call]
-    axes.xaxis.set_major_locator(locator)
-    hours = ConciseDateFormatter(  # type: ignore[no-untyped-call]
-        locator, formats=HOURS, zero_formats=HOURS, show_offset=False
-    )
-    axes.xaxis.set_major_formatter(hours)
-    axes.set_ylabel("Frequency (MHz)")
-    axes.set_xlabel("UTC")
+def shown_day(time: npt.NDArray[np.datetime64]) -> str:
+    """Day of a time axis, or its first and last.
+
+    Parameters
+    ----------
+    time : ndarray of datetime64, shape (T,)
+
+    Returns
+    -------
+    str
+        Such as "2010-01-17".
+    """
     first, last = (str(moment.astype("datetime64[D]")) for moment in time[[0, -1]])
-    day = first if first == last else f"{first} to {last}"
-    axes.set_title(f"{over.attrs['observatory']}  {over.attrs['receiver']}  {day}", loc="left", fontsize=11)
+    return first if first == last else f"{first} to {last}"
+
+
+def _write_title(axes: Axes, over: xr.Dataset, lift_points: float) -> None:
+    name = f"{over.attrs['observatory']}  {over.attrs['receiver']}  {shown_day(over['time'].to_numpy())}"
+    axes.set_title(name, loc="left", fontsize=11, pad=lift_points)
     channels = f"{over.sizes['frequency']} channels, {float(over.attrs['integration_s']):g} s"
-    axes.set_title(channels, loc="right", fontsize=8, color="0.4")
+    axes.set_title(channels, loc="right", fontsize=8, color="0.4", pad=lift_points)
