@@ -14,6 +14,7 @@ from bella.plotting.script import plotly_script, plotly_version
 from bella.plotting.spectra import spectra_figure
 
 if TYPE_CHECKING:
+    from bella.plotting.aligned import write_aligned_png
     from bella.plotting.calibration import write_calibration_png
     from bella.plotting.coverage import write_coverage_png
     from bella.plotting.day import write_spectrum_png
@@ -32,6 +33,7 @@ __all__ = [
     "selected_regions",
     "spectra_figure",
     "speed_remark",
+    "write_aligned_png",
     "write_calibration_png",
     "write_constellation_png",
     "write_coverage_png",
@@ -44,6 +46,7 @@ __all__ = [
 
 _DRAWN_IN = {
     "WindScene": "bella.plotting.wind",
+    "write_aligned_png": "bella.plotting.aligned",
     "write_calibration_png": "bella.plotting.calibration",
     "write_constellation_png": "bella.plotting.printed",
     "write_coverage_png": "bella.plotting.coverage",

@@ -11,13 +11,12 @@ import numpy as np
 import pandas as pd
 import xarray as xr
 from matplotlib.axes import Axes
-from matplotlib.dates import date2num
 from matplotlib.lines import Line2D
 from matplotlib.patches import Rectangle
 from matplotlib.text import Annotation
 from scipy.optimize import isotonic_regression
 
-from bella.plotting.tables import require_columns
+from bella.plotting.tables import day_numbers, require_columns
 from bella.units import FloatArray
 
 BOX_COLUMNS = ("observatory", "start_utc", "end_utc", "f_low_mhz", "f_high_mhz", "score", "tier", "reason")
@@ -133,17 +132,13 @@ def _draw_box(axes: Axes, row: pd.Series) -> Annotation:
     style = BOX_STYLES.get(str(row["tier"]), BOX_STYLES[CATALOGUED])
     (left, right), (low, high) = axes.get_xlim(), axes.get_ylim()
     room, ratio = ROOM_SHARE * (right - left), (high / low) ** ROOM_BAND_SHARE
-    start, end = max(_days(row["start_utc"]) - room, left), min(_days(row["end_utc"]) + room, right)
+    start, end = np.clip(day_numbers([row["start_utc"], row["end_utc"]]) + np.array([-room, room]), left, right)
     bottom, top = max(row["f_low_mhz"] / ratio, low), min(row["f_high_mhz"] * ratio, high)
     outline = Rectangle((start, bottom), end - start, top - bottom, fill=False, ec=style.outline, ls=style.line)
     outline.set(lw=style.width, zorder=3 if row["tier"] == REJECTED else 4)
     axes.add_patch(outline)
     axes.add_line(Line2D([start, start], [top, high], color=style.outline, lw=0.5, alpha=0.6, zorder=3))
     return _label(axes, row, start, style)
-
-
-def _days(moment: np.datetime64) -> float:
-    return float(date2num(moment))  # type: ignore[no-untyped-call]
 
 
 def _label(axes: Axes, row: pd.Series, onset: float, style: BoxStyle) -> Annotation:

@@ -62,7 +62,7 @@ def write_spectrum_png(path: Path, spectrum: xr.Dataset, detections: pd.DataFram
 
 
 def _day_figure(spectrum: xr.Dataset, detections: pd.DataFrame | None) -> Figure:
-    over = _drawn(over_background(spectrum))
+    over = thinned(over_background(spectrum))
     figure = Figure(figsize=(10.0, 4.2), layout="constrained")
     axes = figure.add_subplot(facecolor=NO_DATA)
     mesh = draw_intensity(axes, over, BRIGHTNESS_SCALE)
@@ -150,14 +150,25 @@ def time_axis(axes: Axes, *, most_ticks: int = 13) -> None:
     axes.xaxis.set_major_formatter(hours)
 
 
-def _drawn(over: xr.Dataset) -> xr.Dataset:
-    """What was measured, in no more records than can be told apart on paper."""
+def thinned(over: xr.Dataset) -> xr.Dataset:
+    """What was measured, in no more records than can be told apart on paper.
+
+    Parameters
+    ----------
+    over : xarray.Dataset
+        A dynamic spectrum.
+
+    Returns
+    -------
+    xarray.Dataset
+        Its intensity, without interpolated channels; means where records are too many.
+    """
     kept = over[["intensity"]]
     if "interpolated" in over:
         kept = kept.isel(frequency=~over["interpolated"].to_numpy().astype(bool))
     together = -(-kept.sizes["time"] // MOST_RECORDS)
-    thinned = kept if together == 1 else kept.coarsen(time=together, boundary="pad").mean()
-    return thinned.assign_attrs(over.attrs)
+    fewer = kept if together == 1 else kept.coarsen(time=together, boundary="pad").mean()
+    return fewer.assign_attrs(over.attrs)
 
 
 def _channel_limits(frequency_mhz: FloatArray) -> tuple[FloatArray, FloatArray]:

@@ -2,9 +2,13 @@
 
 from collections.abc import Iterable
 
+import numpy as np
+import numpy.typing as npt
 import pandas as pd
+from matplotlib.dates import date2num
 
 from bella.exceptions import InputError
+from bella.units import FloatArray
 
 
 def require_columns(table: pd.DataFrame, columns: Iterable[str], name: str) -> pd.DataFrame:
@@ -31,3 +35,20 @@ def require_columns(table: pd.DataFrame, columns: Iterable[str], name: str) -> p
     if missing:
         raise InputError(f"the {name} has no column {missing[0]!r}: add it, or make the table with bella anew")
     return table
+
+
+def day_numbers(utc: npt.ArrayLike) -> FloatArray:
+    """Days as matplotlib counts them.
+
+    Parameters
+    ----------
+    utc : array_like of datetime64, shape (N,)
+        With or without a time zone, which has to be UTC then.
+
+    Returns
+    -------
+    ndarray, shape (N,)
+        NaN where there is no time.
+    """
+    times = pd.to_datetime(np.asarray(utc), utc=True).tz_localize(None).to_numpy().astype("datetime64[ns]")
+    return np.asarray(date2num(times), dtype=np.float64)  # type: ignore[no-untyped-call]
