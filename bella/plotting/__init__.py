@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     from bella.plotting.calibration import write_calibration_png
     from bella.plotting.coverage import write_coverage_png
     from bella.plotting.day import write_spectrum_png
+    from bella.plotting.light_curves import write_light_curves_png
     from bella.plotting.printed import write_constellation_png, write_spectra_png
     from bella.plotting.track import write_density_png, write_polar_fit_png
     from bella.plotting.wind import WindScene, write_wind_map_png
@@ -38,6 +39,7 @@ __all__ = [
     "write_constellation_png",
     "write_coverage_png",
     "write_density_png",
+    "write_light_curves_png",
     "write_polar_fit_png",
     "write_spectra_png",
     "write_spectrum_png",
@@ -51,6 +53,7 @@ _DRAWN_IN = {
     "write_constellation_png": "bella.plotting.printed",
     "write_coverage_png": "bella.plotting.coverage",
     "write_density_png": "bella.plotting.track",
+    "write_light_curves_png": "bella.plotting.light_curves",
     "write_polar_fit_png": "bella.plotting.track",
     "write_spectra_png": "bella.plotting.printed",
     "write_spectrum_png": "bella.plotting.day",

@@ -21,11 +21,10 @@ from bella.plotting.day import NO_DATA, draw_intensity, frequency_axis, shown_da
 from bella.plotting.palette import INTENSITY_SCALE, TRACK_STYLES, TrackStyle, edge_name, track_style
 from bella.plotting.printed import save_png
 from bella.plotting.spectra import BAND_MARGIN
-from bella.plotting.tables import day_numbers, require_columns
+from bella.plotting.tables import ARRIVAL_COLUMNS, FLAGGED, day_numbers, is_flagged, require_columns
 from bella.spectra import over_background
 from bella.units import DAY_S, FloatArray
 
-ARRIVAL_COLUMNS = ("observatory", "frequency_mhz", "arrival_utc", "sigma_s", "edge", "flag")
 EVOLUTION_COLUMNS = ("observatory", "frequency_mhz", "arrival_utc", "sigma_s")
 
 MOST_EDGES = 45
@@ -34,7 +33,6 @@ MOST_EDGES = 45
 BEFORE_SHARE, AFTER_SHARE, LEAST_ROOM_D = 0.15, 0.4, 300.0 / DAY_S
 """Time shown before the first and after the last edge, as a share of the time between them."""
 
-FLAGGED = "#9aa3ab"
 REFERENCE = "#9fd3ff"
 EVOLUTION = TRACK_STYLES[3]
 OUTLINED = (withStroke(linewidth=3.0, foreground="#12161d"),)
@@ -174,13 +172,9 @@ def _draw_evolution(axes: Axes, curve: pd.DataFrame) -> None:
     line.set_path_effects(list(OUTLINED))
 
 
-def _is_flagged(edges: pd.DataFrame) -> pd.Series:
-    return edges["flag"].fillna("").astype(str) != ""
-
-
 def _draw_reference(axes: Axes, arrivals: pd.DataFrame, name: str) -> None:
     """Line through the edges of the first spacecraft, which shows how much earlier or later another one heard it."""
-    good = arrivals[(arrivals["observatory"] == name) & ~_is_flagged(arrivals)]
+    good = arrivals[(arrivals["observatory"] == name) & ~is_flagged(arrivals)]
     line = good[good["edge"] == good["edge"].iloc[0]].sort_values("frequency_mhz") if len(good) else good
     if len(line) >= 2:
         axes.plot(
@@ -189,25 +183,25 @@ def _draw_reference(axes: Axes, arrivals: pd.DataFrame, name: str) -> None:
 
 
 def _draw_edges(axes: Axes, edges: pd.DataFrame, style: TrackStyle) -> None:
-    flagged = _is_flagged(edges)
-    for part, is_flagged in ((edges[flagged], True), (edges[~flagged], False)):
+    flagged = is_flagged(edges)
+    for part, hollow in ((edges[flagged], True), (edges[~flagged], False)):
         some = part.iloc[_told_apart(part["frequency_mhz"].to_numpy(dtype=np.float64))]
         if some.empty:
             continue
-        colour = FLAGGED if is_flagged else style.colour
+        colour = FLAGGED if hollow else style.colour
         axes.errorbar(
             some["sun_d"],
             some["frequency_mhz"],
             xerr=np.nan_to_num(some["sigma_s"].to_numpy(dtype=np.float64)) / DAY_S,
             fmt=style.printed_marker,
-            ms=4.6 if is_flagged else 3.4,
+            ms=4.6 if hollow else 3.4,
             color=colour,
-            mfc="none" if is_flagged else colour,
-            mec=colour if is_flagged else "white",
-            mew=1.0 if is_flagged else 0.5,
+            mfc="none" if hollow else colour,
+            mec=colour if hollow else "white",
+            mew=1.0 if hollow else 0.5,
             elinewidth=1.1,
-            zorder=5 if is_flagged else 6,
-            label=f"{edge_name(str(some['edge'].iloc[0]))}{', flagged' if is_flagged else ''}",
+            zorder=5 if hollow else 6,
+            label=f"{edge_name(str(some['edge'].iloc[0]))}{', flagged' if hollow else ''}",
         )
 
 

@@ -1,4 +1,4 @@
-"""What a table must have before it is drawn."""
+"""What tables must have before they are drawn, and what figures of arrival times share."""
 
 from collections.abc import Iterable
 
@@ -9,6 +9,10 @@ from matplotlib.dates import date2num
 
 from bella.exceptions import InputError
 from bella.units import FloatArray
+
+ARRIVAL_COLUMNS = ("observatory", "frequency_mhz", "arrival_utc", "sigma_s", "edge", "flag")
+FLAGGED = "#9aa3ab"
+"""Colour of edges that carry a flag: seen on dark, on ivory and on paper."""
 
 
 def require_columns(table: pd.DataFrame, columns: Iterable[str], name: str) -> pd.DataFrame:
@@ -52,3 +56,18 @@ def day_numbers(utc: npt.ArrayLike) -> FloatArray:
     """
     times = pd.to_datetime(np.asarray(utc), utc=True).tz_localize(None).to_numpy().astype("datetime64[ns]")
     return np.asarray(date2num(times), dtype=np.float64)  # type: ignore[no-untyped-call]
+
+
+def is_flagged(arrivals: pd.DataFrame) -> pd.Series:
+    """Which edges carry a flag.
+
+    Parameters
+    ----------
+    arrivals : pandas.DataFrame
+        Has ``flag``, empty or missing for good edges.
+
+    Returns
+    -------
+    pandas.Series of bool
+    """
+    return arrivals["flag"].fillna("").astype(str) != ""
