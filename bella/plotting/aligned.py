@@ -22,7 +22,7 @@ from bella.plotting.palette import INTENSITY_SCALE, TRACK_STYLES, TrackStyle, ed
 from bella.plotting.printed import save_png
 from bella.plotting.spectra import BAND_MARGIN
 from bella.plotting.tables import ARRIVAL_COLUMNS, FLAGGED, day_numbers, is_flagged, require_columns
-from bella.spectra import over_background
+from bella.spectra import over_background, relative_power
 from bella.units import DAY_S, FloatArray
 
 EVOLUTION_COLUMNS = ("observatory", "frequency_mhz", "arrival_utc", "sigma_s")
@@ -34,6 +34,9 @@ BEFORE_SHARE, AFTER_SHARE, LEAST_ROOM_D = 0.15, 0.4, 300.0 / DAY_S
 """Time shown before the first and after the last edge, as a share of the time between them."""
 
 REFERENCE = "#9fd3ff"
+DEPTH_DB = 18.0
+"""A relative flux has lost its background, and with it the level that its decibels could be counted from."""
+
 EVOLUTION = TRACK_STYLES[3]
 OUTLINED = (withStroke(linewidth=3.0, foreground="#12161d"),)
 
@@ -104,13 +107,23 @@ def _on_sun_clock(
         raise InputError(f"the light time from the Sun to {missing[0]} is missing: give it in seconds")
     shifted = {}
     for name, spectrum in spectra.items():
-        over = over_background(spectrum)
+        over = _above_quiet(spectrum)
         earlier = np.timedelta64(round(light_time_s[name] * 1e9), "ns")
         shifted[name] = over.assign_coords(time=over["time"].to_numpy().astype("datetime64[ns]") - earlier)
     names = list(spectra)
     timed = _shifted(require_columns(arrivals, ARRIVAL_COLUMNS, "arrival table"), light_time_s, names)
     curves = _shifted(require_columns(evolution, EVOLUTION_COLUMNS, "table of t(f)"), light_time_s, names)
     return SunClock(shifted, timed, curves, light_time_s)
+
+
+def _above_quiet(spectrum: xr.Dataset) -> xr.Dataset:
+    """Spectrum in dB over its background, or over a depth below the maximum of each channel where it has none left."""
+    if spectrum.attrs["quantity"] != "relative_flux":
+        return over_background(spectrum)
+    power = relative_power(spectrum)
+    lowest = power.max("time") * 10.0 ** (-DEPTH_DB / 10.0)
+    over = 10.0 * np.log10((power / lowest.where(lowest > 0.0)).clip(min=1.0))
+    return spectrum.assign(intensity=over.astype(np.float32))
 
 
 def _shifted(table: pd.DataFrame, light_time_s: Mapping[str, float], names: Sequence[str]) -> pd.DataFrame:
@@ -222,6 +235,12 @@ def _shown_band(clock: SunClock) -> tuple[float, float]:
     return float(channels.min()) / BAND_MARGIN, float(channels.max()) * BAND_MARGIN
 
 
+def _day(clock: SunClock, window: tuple[float, float]) -> str:
+    time = np.unique(np.concatenate([spectrum["time"].to_numpy() for spectrum in clock.spectra.values()]))
+    days = day_numbers(time)
+    return shown_day(time[(days >= window[0]) & (days <= window[1])])
+
+
 def _finish(figure: Figure, rows: list[Axes], clock: SunClock, window: tuple[float, float]) -> None:
     frequency_axis(rows[0], _shown_band(clock))
     for axes in rows:
@@ -230,8 +249,7 @@ def _finish(figure: Figure, rows: list[Axes], clock: SunClock, window: tuple[flo
         axes.grid(axis="x", color="white", alpha=0.25, lw=0.6)
     time_axis(rows[-1], most_ticks=9)
     rows[-1].set_xlim(window)
-    day = shown_day(next(iter(clock.spectra.values()))["time"].to_numpy())
-    rows[-1].set_xlabel(f"Time at the Sun: UTC less the light time from the Sun, {day}")
+    rows[-1].set_xlabel(f"Time at the Sun: UTC less the light time from the Sun, {_day(clock, window)}")
     handles = {}
     for axes in rows:
         handles.update(dict(zip(*reversed(axes.get_legend_handles_labels()), strict=True)))

@@ -99,6 +99,19 @@ def test_spectra_are_as_early_as_their_edges() -> None:
         assert abs(brightest - onset) * 86400.0 < 61.0
 
 
+def test_a_flux_without_its_background_is_dark_where_it_is_zero_and_not_empty() -> None:
+    given = {name: one for name, one in spectra().items() if name == "WIND"}
+    given["WIND"]["intensity"][:] = np.maximum(given["WIND"]["intensity"] - 1.0, 0.0)
+    given["WIND"]["intensity"][60:62] = np.nan
+    given["WIND"].attrs["quantity"] = "relative_flux"
+    (mesh,) = [one for one in drawn(given, arrivals()).axes[0].get_children() if isinstance(one, QuadMesh)]
+    level = np.ma.filled(np.ma.masked_invalid(mesh.get_array()), np.nan)
+
+    assert np.nanmin(level) == 0.0
+    assert np.isnan(level).all(axis=0).sum() == 2
+    np.testing.assert_allclose(np.nanmax(level, axis=1), 18.0, atol=1e-4)
+
+
 def test_bars_are_one_sigma_to_either_side_and_flagged_edges_hollow() -> None:
     axes = drawn(spectra(), arrivals()).axes[0]
     flagged, good = markers(axes, "Half-maximum edge, flagged"), markers(axes, "Half-maximum edge")
@@ -155,6 +168,14 @@ def test_odd_input_is_drawn(tmp_path: Path, case: str) -> None:
 
     assert [entry.name for entry in (tmp_path / "new").iterdir()] == ["aligned.png"]
     assert matplotlib.image.imread(tmp_path / "new" / "aligned.png").std() > 0.05
+
+
+def test_the_day_is_that_of_what_is_shown() -> None:
+    long = spectrum("WIND")
+    time = np.concatenate([[RELEASE - np.timedelta64(1, "D")], long["time"].to_numpy()[1:]])
+    axes = drawn({"WIND": long.assign_coords(time=time)}, arrivals()).axes[0]
+
+    assert axes.get_xlabel().endswith("Sun, 2012-06-07")
 
 
 def test_edges_elsewhere_do_not_move_the_window() -> None:
