@@ -19,6 +19,8 @@ from bella.cli_calibration import EPILOG as CALIBRATE_EPILOG
 from bella.cli_calibration import calibrate
 from bella.cli_coverage import EPILOG as COVERAGE_EPILOG
 from bella.cli_coverage import coverage
+from bella.cli_detect import EPILOG as DETECT_EPILOG
+from bella.cli_detect import detect
 from bella.cli_ephemeris import EPILOG as EPHEMERIS_EPILOG
 from bella.cli_ephemeris import UPDATE_EPILOG, ephemeris, know_updates, update_ephemeris
 from bella.cli_fetch import EPILOG as FETCH_EPILOG
@@ -51,6 +53,7 @@ app.command(epilog=CALIBRATE_EPILOG)(calibrate)
 app.command(epilog=EPHEMERIS_EPILOG)(ephemeris)
 app.command("update-ephemeris", epilog=UPDATE_EPILOG)(update_ephemeris)
 app.command(epilog=FORMATS_EPILOG)(formats)
+app.command(epilog=DETECT_EPILOG)(detect)
 app.command(epilog=FETCH_EPILOG)(fetch)
 app.command(epilog=SIMULATE_EPILOG)(simulate)
 

@@ -25,6 +25,7 @@ COMMANDS = [
     ["formats"],
     ["fetch"],
     ["simulate"],
+    ["detect"],
     ["serve"],
     ["status"],
     ["catalogue", "list"],

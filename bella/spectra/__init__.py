@@ -1,6 +1,7 @@
 """Dynamic spectra: their form, reading them from archive files, their background, and those of the built-in event."""
 
 from bella.spectra.background import Background, decibels, over_background, quiet_level
+from bella.spectra.by_observatory import by_observatory, cut
 from bella.spectra.combination import combine_receivers, join_days
 from bella.spectra.digitised import event_spectra
 from bella.spectra.dynamic_spectrum import QUANTITIES, light_curve, relative_power, sample_times, validate_spectrum
@@ -12,7 +13,9 @@ __all__ = [
     "QUANTITIES",
     "Background",
     "Product",
+    "by_observatory",
     "combine_receivers",
+    "cut",
     "decibels",
     "event_spectra",
     "find_product",
