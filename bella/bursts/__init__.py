@@ -1,6 +1,6 @@
 """Bursts: edges of light curves, arrival times, their evolution with frequency, and the built-in event."""
 
-from bella.bursts.edges import half_maximum_edge, spectrum_edges
+from bella.bursts.edges import spectrum_edges
 from bella.bursts.event import (
     EVENT,
     half_maximum_arrivals,
@@ -8,6 +8,7 @@ from bella.bursts.event import (
     published_arrivals,
     published_rise_times,
 )
+from bella.bursts.half_maximum import half_maximum_edge
 from bella.bursts.identity import burst_id, onset
 from bella.bursts.time_evolution import TimeEvolution, fit_time_evolution
 

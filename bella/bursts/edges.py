@@ -1,150 +1,57 @@
-"""Half-maximum edges of light curves.
+"""Edges of all channels of a dynamic spectrum, by any of three definitions.
 
-The edge of a channel is where the rising flank that leads to its maximum crosses half of the maximum *power*, by linear
-interpolation between the two samples around the crossing. Amplitudes (Wind) are squared first: half of an amplitude is
-a quarter of the power, which the built-in burst reached 5 s (2 MHz) to 80 s (0.2 MHz) earlier.
-
-How sure: the error of a sample near the crossing, carried over by the slope of the flank, and the error of drawing a
-straight line between samples, added in quadrature. The second is ``cadence / sqrt(12)`` when the flank falls between
-two samples, and shrinks in proportion to the number of samples on it. Simulated bursts scatter by as much at 3 MHz and
-by a half to a quarter of it from 1 MHz down, so this errs on the wide side.
+``half_rise``: from the rising flank alone, good to a fraction of the cadence (:mod:`bella.bursts.flank`); channels whose
+half-maximum contradicts it are refused. ``half_maximum``: by a straight line between two samples
+(:mod:`bella.bursts.half_maximum`). ``gauss_hermite``: the edge of Canizares et al. 2024
+(:mod:`bella.bursts.gauss_hermite`).
 """
-
-import math
-from typing import NamedTuple
 
 import numpy as np
 import pandas as pd
 import xarray as xr
 
+from bella.bursts.edge import Edge
+from bella.bursts.flank import flank_edges
+from bella.bursts.gauss_hermite import gauss_hermite_edge
+from bella.bursts.half_maximum import half_maximum_edge
+from bella.exceptions import InputError
 from bella.spectra import relative_power, sample_times
 from bella.units import FloatArray
 
-LEVEL = 0.5
-"""Fraction of the maximum power at which a flank is timed."""
+EDGE_OF_METHOD = {"flank": "half_rise", "half_maximum": "half_maximum", "gauss_hermite": "gauss_hermite"}
+"""Which edge each method finds, as the arrival table names it."""
 
-FLUX_SCATTER = 0.05
-"""Typical fractional scatter of a sample of Wind and STEREO one-minute spectra, beside the noise before the burst."""
-
-QUIET_SAMPLES = 4
-"""From so few samples before the flank on, their scatter is taken as the noise."""
-
-GAP_CADENCES = 1.5
-"""Samples around the crossing that lie further apart than this many records leave the flank unknown."""
-
-NO_SAMPLES, NO_SIGNAL, NO_FLANK, NO_DECAY, GAP = "no_samples", "no_signal", "no_flank", "no_decay", "gap_in_flank"
-"""Why a channel has no edge."""
+Window = tuple[np.datetime64, np.datetime64]
 
 
-class Edge(NamedTuple):
-    """Where a light curve rises."""
-
-    arrival_s: float
-    """Seconds on the time axis of the light curve; NaN without an edge."""
-    sigma_s: float
-    """Standard deviation, s; NaN without an edge."""
-    flag: str
-    """Empty, or why there is no edge."""
-
-
-def _none(reason: str) -> Edge:
-    return Edge(math.nan, math.nan, reason)
-
-
-def half_maximum_edge(time_s: FloatArray, power: FloatArray, cadence_s: float) -> Edge:
-    """Time at which the flank that leads to the maximum crosses half of it.
-
-    The last sample below half maximum before the peak and the one after it are the two around the crossing, so an
-    earlier spike of noise or precursor burst is passed over.
-
-    Parameters
-    ----------
-    time_s : numpy.ndarray
-        Times of the samples, ascending, s, shape (N,).
-    power : numpy.ndarray
-        Power above background in any unit, shape (N,); NaN where there are no data.
-    cadence_s : float
-        Time between records, s.
-
-    Returns
-    -------
-    Edge
-        With a reason and NaN when there is no edge: ``no_samples`` (fewer than three), ``no_signal`` (nothing above
-        zero), ``no_flank`` (above half maximum from the first sample on), ``no_decay`` (highest at the last sample, so
-        the maximum is unknown), ``gap_in_flank``.
-    """
-    known = np.isfinite(power)
-    time_s, power = time_s[known], power[known]
-    if power.size < 3:
-        return _none(NO_SAMPLES)
-    peak = int(power.argmax())
-    half = LEVEL * power[peak]
-    if not half > 0.0:
-        return _none(NO_SIGNAL)
-    below = np.flatnonzero(power[:peak] < half)
-    if below.size == 0:
-        return _none(NO_FLANK)
-    if peak == power.size - 1:
-        return _none(NO_DECAY)
-    return _crossing(time_s, power, cadence_s, int(below[-1]))
-
-
-def _crossing(time_s: FloatArray, power: FloatArray, cadence_s: float, last_below: int) -> Edge:
-    interval_s = time_s[last_below + 1] - time_s[last_below]
-    if interval_s > GAP_CADENCES * cadence_s:
-        return _none(GAP)
-    maximum = power.max()
-    slope = (power[last_below + 1] - power[last_below]) / interval_s
-    arrival_s = time_s[last_below] + (LEVEL * maximum - power[last_below]) / slope
-    sample_error = math.hypot(quiet_noise(power[: last_below + 1], maximum), FLUX_SCATTER * LEVEL * maximum)
-    samples_on_flank = max(1.0, maximum / slope / cadence_s)
-    line_error_s = cadence_s / math.sqrt(12.0) / samples_on_flank
-    return Edge(float(arrival_s), math.hypot(sample_error / slope, line_error_s), "")
-
-
-def quiet_noise(power: FloatArray, maximum: float) -> float:
-    """Scatter of the samples below a quarter of the maximum.
-
-    Parameters
-    ----------
-    power : numpy.ndarray, shape (N,)
-        In any unit.
-    maximum : float
-        In the same unit.
-
-    Returns
-    -------
-    float
-        Standard deviation in that unit, by the median absolute deviation; 0 where too few samples are quiet.
-    """
-    quiet = power[power < 0.25 * maximum]
-    if quiet.size < QUIET_SAMPLES:
-        return 0.0
-    return 1.4826 * float(np.median(np.abs(quiet - np.median(quiet))))
-
-
-def spectrum_edges(spectrum: xr.Dataset) -> pd.DataFrame:
-    """Half-maximum edge of every channel of a dynamic spectrum.
+def spectrum_edges(spectrum: xr.Dataset, method: str = "flank", window_utc: Window | None = None) -> pd.DataFrame:
+    """Edge of every channel of a dynamic spectrum.
 
     Parameters
     ----------
     spectrum : xarray.Dataset
-        Dynamic spectrum that holds one burst, background taken away.
+        Dynamic spectrum that holds one burst, background taken away or in decibels over it.
+    method : {"flank", "half_maximum", "gauss_hermite"}
+    window_utc : tuple of numpy.datetime64, optional
+        First and last record to look at, where the spectrum holds more than the burst.
 
     Returns
     -------
     pandas.DataFrame
         One row per channel, ascending in frequency: observatory, frequency_mhz, arrival_utc (NaT without an edge),
-        sigma_s, edge ("half_maximum"), flag. Channels marked as interpolated are left out.
+        sigma_s, edge (a value of ``EDGE_OF_METHOD``), flag. Channels marked as interpolated are left out.
+
+    Raises
+    ------
+    InputError
+        If the method is not known, or there is no record in the window.
     """
-    measured = spectrum
-    if "interpolated" in spectrum:
-        measured = spectrum.isel(frequency=np.flatnonzero(spectrum["interpolated"].to_numpy() == 0))
+    if method not in EDGE_OF_METHOD:
+        raise InputError(f"{method!r} is not a way to find edges: choose one of {', '.join(EDGE_OF_METHOD)}")
+    measured = _measured(spectrum, window_utc)
     start = measured["time"].to_numpy()[0].astype("datetime64[ns]")
     time_s = (sample_times(measured).to_numpy() - start) / np.timedelta64(1, "s")
-    cadence_s = float(np.median(np.diff(measured["time"].to_numpy())) / np.timedelta64(1, "s"))
-    light_curves = zip(time_s.T, relative_power(measured).to_numpy().T, strict=True)
-    edges = [half_maximum_edge(times, power, cadence_s) for times, power in light_curves]
+    edges = _edges(method, time_s, measured)
     arrival_s = np.array([edge.arrival_s for edge in edges], dtype=np.float64)
     delay = pd.to_timedelta(np.rint(arrival_s * 1e9), unit="ns").to_numpy()
     return pd.DataFrame(
@@ -152,8 +59,37 @@ def spectrum_edges(spectrum: xr.Dataset) -> pd.DataFrame:
             "observatory": str(measured.attrs["observatory"]),
             "frequency_mhz": measured["frequency"].to_numpy(),
             "arrival_utc": start + delay,
-            "sigma_s": [edge.sigma_s for edge in edges],
-            "edge": "half_maximum",
+            "sigma_s": np.array([edge.sigma_s for edge in edges], dtype=np.float64),
+            "edge": EDGE_OF_METHOD[method],
             "flag": [edge.flag for edge in edges],
         }
     )
+
+
+def _measured(spectrum: xr.Dataset, window_utc: Window | None) -> xr.Dataset:
+    """Records in the window, of channels that were measured."""
+    measured = spectrum if window_utc is None else spectrum.sel(time=slice(*window_utc))
+    if measured.sizes["time"] == 0:
+        raise InputError(f"no record between {window_utc}: choose a window inside the spectrum")
+    if "interpolated" in measured:
+        return measured.isel(frequency=np.flatnonzero(measured["interpolated"].to_numpy() == 0))
+    return measured
+
+
+def _edges(method: str, time_s: FloatArray, spectrum: xr.Dataset) -> list[Edge]:
+    power, frequency_mhz = _power(spectrum), spectrum["frequency"].to_numpy()
+    integration_s = float(spectrum.attrs["integration_s"])
+    records = spectrum["time"].to_numpy()
+    cadence_s = float(np.median(np.diff(records)) / np.timedelta64(1, "s")) if records.size > 1 else integration_s
+    if method == "flank":
+        return flank_edges(time_s, power, cadence_s, frequency_mhz, integration_s)
+    light_curves = zip(time_s.T, power.T, strict=True)
+    if method == "half_maximum":
+        return [half_maximum_edge(times, column, cadence_s) for times, column in light_curves]
+    return [gauss_hermite_edge(times, column) for times, column in light_curves]
+
+
+def _power(spectrum: xr.Dataset) -> FloatArray:
+    """Power above background; decibels over background are of the sum of both."""
+    power = relative_power(spectrum).to_numpy()
+    return np.asarray(power - 1 if spectrum.attrs["quantity"] == "db_over_background" else power)

@@ -171,7 +171,9 @@ def half_maximum_edges() -> pd.DataFrame:
         Columns observatory, frequency_mhz (0.15 to 2 MHz), arrival_utc (NaT without an edge), sigma_s, edge, flag.
     """
     spectra = event_spectra()
-    edges = pd.concat([spectrum_edges(spectra[name].to_dataset()) for name in EVENT.observatories], ignore_index=True)
+    edges = pd.concat(
+        [spectrum_edges(spectra[name].to_dataset(), "half_maximum") for name in EVENT.observatories], ignore_index=True
+    )
     return edges[edges["frequency_mhz"].between(EVENT.low_mhz, EVENT.high_mhz)].reset_index(drop=True)
 
 

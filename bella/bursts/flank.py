@@ -1,156 +1,170 @@
 """Half-rise times below the cadence, from the rising flank alone.
 
-A light curve is fitted up to one sample after its highest sample, so a second burst in the decay has no say as long as
-it does not rise above the first; where it does, its own flank may be timed, and nothing here tells.
+A light curve is fitted up to where its first maximum is over, so a second burst in the decay has no say.
 
 The shape is a Gaussian rise smeared by an exponential decay, averaged over the integration time of each sample; time,
 rise and decay run over a grid, amplitude and background are integrated out exactly, so the error of the time is that
 of its whole posterior, also where the flank falls between two samples and no slope is known.
 
 The priors of rise and decay are log-normal about the observed laws of :mod:`bella.bursts.widths`.
+
+Times on trial are steps of one grid, so the sums over the samples are correlations of the tabulated curves with the
+weights of the samples, and all times are had at once from a Fourier transform.
 """
 
 import math
-from functools import lru_cache
+from typing import NamedTuple
 
 import numpy as np
-from scipy.special import log_ndtr, ndtr
+from scipy import fft
 
-from bella.bursts.edges import (
-    FLUX_SCATTER,
-    GAP,
-    GAP_CADENCES,
-    LEVEL,
-    NO_FLANK,
-    NO_SAMPLES,
-    Edge,
-    half_maximum_edge,
-    quiet_noise,
-)
-from bella.bursts.widths import HALF_WIDTH_SD, decay_s, rise_half_width_s
+from bella.bursts.edge import GAP, NO_FLANK, NO_SAMPLES, Edge, no_edge
+from bella.bursts.first_maximum import first_maximum
+from bella.bursts.flank_shapes import Shapes, frequency_bin, shapes
+from bella.bursts.half_maximum import FLUX_SCATTER, GAP_CADENCES, half_maximum_edge, quiet_noise
+from bella.bursts.widths import rise_half_width_s
 from bella.units import FloatArray
 
-RISE_SPREAD, DECAY_SPREAD = 0.5, 0.4
-"""Standard deviations of the logarithms of rise and decay about their laws."""
-
-SPREADS = (-2.0, -1.5, -1.0, -0.5, 0.0, 0.5, 1.0, 1.5, 2.0)
-"""Nodes of rise and decay, in standard deviations of their priors."""
-
-TIMES = 161
 RISES_BEFORE = 8.0
-"""How much of the background before the flank is fitted with it, in half widths of the rise."""
+"""How much of the background before the first guess is fitted with the flank, in half widths of the rise."""
+
+RISES_AFTER, CADENCES_AFTER = 5.0, 3.0
+"""How long after the first guess the fit ends at the latest, in half widths of the rise plus records."""
 
 SHAPE_ERROR = 0.04
 """Share of a sample by which a light curve may depart from the fitted shape and from the nodes of the grid."""
 
 FEWEST = 4
-SAMPLES_AFTER_PEAK = 1
+STEPS_PER_RISE, STEPS_PER_CADENCE = 40, 80
 
 
-@lru_cache(maxsize=4096)
-def _landmarks(sd_s: float, tail_s: float) -> tuple[float, float]:
-    """Height of the smeared Gaussian at its maximum, 1/s, and when it has risen to half of that, s."""
-    time = np.linspace(-4 * sd_s, 4 * sd_s + 2 * tail_s, 4001)
-    density = np.gradient(_integral(time, sd_s, tail_s), time)
-    top = int(density.argmax())
-    return float(density[top]), float(np.interp(LEVEL * density[top], density[: top + 1], time[: top + 1]))
+class Grid(NamedTuple):
+    """Times on trial of a channel and the stretch of its light curve that is fitted, about the first guess."""
+
+    step_s: float
+    reach: int
+    """Trial times are up to so many steps before and after the guess."""
+    before: int
+    """The fit begins so many steps before the guess."""
+    after: int
+    """It ends so many steps after it."""
 
 
-def _integral(time_s: FloatArray, sd_s: float, tail_s: float) -> FloatArray:
-    """Running integral of a Gaussian smeared by an exponential, 0 to 1."""
-    x = time_s / sd_s
-    smeared = np.exp(np.minimum(0.5 * (sd_s / tail_s) ** 2 - time_s / tail_s + log_ndtr(x - sd_s / tail_s), 0.0))
-    return np.asarray(ndtr(x) - smeared)
+def _grid(rise_s: float, cadence_s: float) -> Grid:
+    step = max(rise_s / STEPS_PER_RISE, cadence_s / STEPS_PER_CADENCE)
+    before = max(RISES_BEFORE * rise_s, FEWEST * cadence_s)
+    after = RISES_AFTER * rise_s + CADENCES_AFTER * cadence_s
+    return Grid(step, *(math.ceil(span / step) for span in (1.5 * (rise_s + cadence_s), before, after)))
 
 
-def _samples(after_s: FloatArray, integration_s: float, sd_s: float, tail_s: float) -> FloatArray:
-    """Mean of the curve of maximum 1 over samples whose middles are so long after the half-rise."""
-    height, half_s = _landmarks(sd_s, tail_s)
-    low, high = after_s + half_s - 0.5 * integration_s, after_s + half_s + 0.5 * integration_s
-    return np.asarray((_integral(high, sd_s, tail_s) - _integral(low, sd_s, tail_s)) / (integration_s * height))
+def _curves(grid: Grid, frequency_mhz: float, integration_s: float) -> Shapes:
+    first = -grid.before - grid.reach
+    points = fft.next_fast_len(grid.after + grid.reach + 2 - first, real=True)
+    return shapes(frequency_bin(frequency_mhz), grid.step_s, first, points, integration_s)
 
 
-def _flank(time_s: FloatArray, power: FloatArray, before_s: float) -> slice:
-    """Background, rise, and one sample after the maximum."""
-    peak = int(power.argmax())
-    first = int(np.searchsorted(time_s, time_s[peak] - before_s))
-    return slice(max(0, min(first, peak - FEWEST)), peak + 1 + SAMPLES_AFTER_PEAK)
+def _sample_error(power: FloatArray, noise: float) -> FloatArray:
+    """Noise of the quiet samples, and a share of the signal; power with maximum 1."""
+    relative = math.hypot(FLUX_SCATTER, SHAPE_ERROR)
+    return np.asarray(np.hypot(max(noise, 1e-3), relative * np.maximum(power, 0.0)))
 
 
-def _sample_error(power: FloatArray) -> FloatArray:
-    """Noise of the quiet samples, and a share of the signal."""
-    maximum = float(power.max())
-    relative = np.hypot(FLUX_SCATTER, SHAPE_ERROR)
-    return np.asarray(np.hypot(max(quiet_noise(power, maximum), 1e-3 * maximum), relative * np.maximum(power, 0.0)))
+def _deposit(position: FloatArray, weight: FloatArray, points: int) -> FloatArray:
+    """Weights of samples on the two points of the grid around each, shape (points,)."""
+    below = np.floor(position).astype(np.intp)
+    share = position - below
+    low = np.bincount(below, weight * (1 - share), points)
+    return np.asarray(low + np.bincount(below + 1, weight * share, points))
 
 
-def _log_evidence(shape: FloatArray, power: FloatArray, error: FloatArray) -> FloatArray:
-    """Evidence of each shape, samples on the last axis, with amplitude and background integrated out."""
+def _log_evidence(position: FloatArray, power: FloatArray, error: FloatArray, grid: Grid, curves: Shapes) -> FloatArray:
+    """Evidence of each curve and trial time, amplitude and background integrated out, shape (K, trials).
+
+    `position` counts steps from the earliest trial time to the sample, less the first point of the curves.
+    """
     weight = 1.0 / error**2
-    total, mean_power = weight.sum(), (weight * power).sum() / weight.sum()
-    inner = shape - ((weight * shape).sum(axis=-1) / total)[..., None]
-    spread = (weight * inner**2).sum(axis=-1)
-    product = (weight * inner * (power - mean_power)).sum(axis=-1)
+    total = weight.sum()
+    relative = power - (weight * power).sum() / total
+    points = curves.samples.shape[1]
+    # at the latest trial time the samples lie 2 * reach steps farther left on the curve
+    offset = position - 2 * grid.reach
+    deposited = fft.rfft([_deposit(offset, weight, points), _deposit(offset, weight * relative, points)]).conj()
+    trials = slice(2 * grid.reach, None, -1)
+
+    def _correlated(of_curves: np.ndarray, of_samples: np.ndarray) -> FloatArray:
+        return np.asarray(fft.irfft(of_curves * of_samples, points)[:, trials])
+
+    sum_shape = _correlated(curves.transform, deposited[0])
+    product = _correlated(curves.transform, deposited[1])
+    spread = _correlated(curves.square_transform, deposited[0]) - sum_shape**2 / total
     with np.errstate(divide="ignore", invalid="ignore"):
-        evidence = 0.5 * product**2 / spread - 0.5 * np.log(spread)
-    return np.where((product > 0) & (spread > 0), evidence, -np.inf)
+        evidence = 0.5 * product**2 / spread - 0.5 * np.log(spread) + curves.log_prior[:, None]
+    return np.where((product > 0) & (spread > 1e-9 * total), evidence, -np.inf)
 
 
-def _posterior(
-    trial_s: FloatArray, time_s: FloatArray, power: FloatArray, frequency_mhz: float, integration_s: float
-) -> FloatArray:
-    """Posterior of each trial time, rise and decay integrated over their priors."""
-    error, after = _sample_error(power), time_s - trial_s[:, None]
-    layers = []
-    for of_rise in SPREADS:
-        for of_decay in SPREADS:
-            rise = rise_half_width_s(frequency_mhz) * math.exp(of_rise * RISE_SPREAD)
-            decay = decay_s(frequency_mhz) * math.exp(of_decay * DECAY_SPREAD)
-            shape = _samples(after, integration_s, rise / HALF_WIDTH_SD, decay)
-            layers.append(_log_evidence(shape, power, error) - 0.5 * (of_rise**2 + of_decay**2))
-    log = np.array(layers)
-    return np.asarray(np.exp(log - log.max()).sum(axis=0))
+def _fitted(time: FloatArray, power: FloatArray, error: FloatArray, grid: Grid, curves: Shapes) -> Edge:
+    """Mean and standard deviation of the posterior; time from the first guess."""
+    position = time / grid.step_s + grid.reach - curves.first
+    log = _log_evidence(position, power, error, grid, curves)
+    probability = np.exp(log - log.max()).sum(axis=0) if np.isfinite(log.max()) else np.zeros(log.shape[1])
+    if not probability.sum() > 0:
+        return no_edge(NO_FLANK)
+    trial = grid.step_s * np.arange(-grid.reach, grid.reach + 1)
+    mean = float(np.average(trial, weights=probability))
+    variance = float(np.average((trial - mean) ** 2, weights=probability))
+    return Edge(mean, math.sqrt(variance + grid.step_s**2 / 12), "")
 
 
-def flank_edge(
-    time_s: FloatArray, power: FloatArray, cadence_s: float, frequency_mhz: float, integration_s: float
+def _channel_edge(
+    time: FloatArray, power: FloatArray, cadence_s: float, frequency_mhz: float, integration_s: float
 ) -> Edge:
-    """Half-rise time of a light curve.
+    known = np.isfinite(power)
+    if known.sum() < FEWEST:
+        return no_edge(NO_SAMPLES)
+    time, power = time[known], power[known]
+    rise = rise_half_width_s(frequency_mhz)
+    maximum = first_maximum(power, rise / cadence_s)
+    guess = half_maximum_edge(time, power, cadence_s, float(time[maximum.peak]))
+    if guess.flag:
+        return guess
+    grid = _grid(rise, cadence_s)
+    after, height = time - guess.arrival_s, power / power[maximum.peak]
+    last = max(maximum.peak + 2, min(maximum.stop, maximum.peak + 2))
+    inside = (after >= -grid.before * grid.step_s) & (after <= grid.after * grid.step_s) & (np.arange(time.size) < last)
+    if inside.sum() < FEWEST:
+        return no_edge(NO_SAMPLES)
+    if np.diff(after[inside]).max() > GAP_CADENCES * cadence_s:
+        return no_edge(GAP)
+    error = _sample_error(height, quiet_noise(height[:last], 1.0))
+    edge = _fitted(after[inside], height[inside], error[inside], grid, _curves(grid, frequency_mhz, integration_s))
+    return edge._replace(arrival_s=guess.arrival_s + edge.arrival_s)
+
+
+def flank_edges(
+    time_s: FloatArray, power: FloatArray, cadence_s: float, frequency_mhz: FloatArray, integration_s: float
+) -> list[Edge]:
+    """Half-rise time of every channel.
 
     Parameters
     ----------
-    time_s : numpy.ndarray, shape (N,)
+    time_s : numpy.ndarray, shape (N,) or (N, C)
         Middles of the samples, ascending, s.
-    power : numpy.ndarray, shape (N,)
+    power : numpy.ndarray, shape (N, C)
         Power above background in any unit; NaN where there are no data.
     cadence_s : float
         Time between records, s.
-    frequency_mhz : float
+    frequency_mhz : numpy.ndarray, shape (C,)
         MHz.
     integration_s : float
         Time that one sample averages over, s.
 
     Returns
     -------
-    Edge
-        Mean and standard deviation of the posterior; or NaN with a reason of :mod:`bella.bursts.edges`.
+    list of Edge
+        Mean and standard deviation of the posterior; or NaN with a reason of :mod:`bella.bursts.edge`.
     """
-    first_guess = half_maximum_edge(time_s, power, cadence_s)
-    if first_guess.flag:
-        return first_guess
-    known = np.isfinite(power)
-    time, height = time_s[known], power[known] / np.nanmax(power)
-    rise = rise_half_width_s(frequency_mhz)
-    flank = _flank(time, height, max(RISES_BEFORE * rise, FEWEST * cadence_s) + rise)
-    time, height = time[flank], height[flank]
-    if time.size < FEWEST:
-        return Edge(math.nan, math.nan, NO_SAMPLES)
-    if np.diff(time).max() > GAP_CADENCES * cadence_s:
-        return Edge(math.nan, math.nan, GAP)
-    reach = 1.5 * cadence_s + 1.5 * rise
-    trial = first_guess.arrival_s + np.linspace(-reach, reach, TIMES)
-    probability = _posterior(trial, time, height, frequency_mhz, integration_s)
-    if not probability.sum() > 0:
-        return Edge(math.nan, math.nan, NO_FLANK)
-    mean = float(np.average(trial, weights=probability))
-    return Edge(mean, math.sqrt(float(np.average((trial - mean) ** 2, weights=probability))), "")
+    times = np.broadcast_to(time_s if time_s.ndim == 2 else time_s[:, None], power.shape)
+    channels = zip(times.T, power.T, frequency_mhz, strict=True)
+    return [
+        _channel_edge(time, column, cadence_s, float(frequency), integration_s) for time, column, frequency in channels
+    ]

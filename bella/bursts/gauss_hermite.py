@@ -17,16 +17,13 @@ import numpy as np
 import numpy.typing as npt
 from scipy.optimize import OptimizeResult, least_squares
 
-from bella.bursts.edges import NO_SAMPLES, NO_SIGNAL, Edge
+from bella.bursts.edge import FIT_FAILED, NO_SAMPLES, NO_SIGNAL, PEAK_OUTSIDE, Edge, no_edge
 from bella.units import FloatArray
 
 WIDTHS_BEFORE_PEAK = 1.0
 
 C0, C1, C2, C3, C4 = math.sqrt(6) / 4, -math.sqrt(3), -math.sqrt(6), 2 * math.sqrt(3) / 3, math.sqrt(6) / 3
 """Coefficients of the Hermite polynomials (van der Marel & Franx 1993)."""
-
-FIT_FAILED, PEAK_OUTSIDE = "fit_failed", "peak_outside"
-"""Why a channel has no Gauss-Hermite edge, beside the reasons of :mod:`bella.bursts.edges`."""
 
 PARAMETERS = 6
 WIDEST_H3, WIDEST_H4 = 0.4, 0.3
@@ -106,18 +103,18 @@ def gauss_hermite_edge(time_s: FloatArray, power: FloatArray) -> Edge:
     known = np.isfinite(power)
     time, height = time_s[known], power[known]
     if time.size <= PARAMETERS:
-        return Edge(math.nan, math.nan, NO_SAMPLES)
+        return no_edge(NO_SAMPLES)
     if not height.max() > 0:
-        return Edge(math.nan, math.nan, NO_SIGNAL)
+        return no_edge(NO_SIGNAL)
     fit = _best_fit(time, height / height.max())
     if fit is None:
-        return Edge(math.nan, math.nan, FIT_FAILED)
+        return no_edge(FIT_FAILED)
     arrival = _edge_s(fit.x)
     mode = arrival + WIDTHS_BEFORE_PEAK * fit.x[2]
     if not time[0] <= arrival < mode <= time[-1]:
-        return Edge(math.nan, math.nan, PEAK_OUTSIDE)
+        return no_edge(PEAK_OUTSIDE)
     sigma = _edge_sigma_s(fit, time.size)
-    return Edge(arrival, sigma, "") if math.isfinite(sigma) else Edge(math.nan, math.nan, FIT_FAILED)
+    return Edge(arrival, sigma, "") if math.isfinite(sigma) else no_edge(FIT_FAILED)
 
 
 def _edge_s(parameters: FloatArray) -> float:

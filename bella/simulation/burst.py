@@ -15,6 +15,7 @@ from bella.heliosphere import (
     emission_range_rsun,
     spiral_position_rsun,
 )
+from bella.simulation.light_curve import GAMMA_SHAPE
 from bella.spacecraft import position_hee
 from bella.units import C_RSUN_S, FloatArray
 
@@ -54,6 +55,10 @@ class SimulatedBurst:
         Over how much of ln f the burst fades at either end of its band; 0 for sharp ends.
     directivity : float
         Width of the beam pattern; infinite for a source that is as bright from every side.
+    decay_factor : float
+        By how much the decay is longer still.
+    gamma_shape : float
+        Shape of the kernel that smears the rise; 1 is an exponential decay.
     """
 
     release_utc: np.datetime64
@@ -70,12 +75,17 @@ class SimulatedBurst:
     width_factor: float = 1.0
     taper: float = 0.0
     directivity: float = np.inf
+    decay_factor: float = 1.0
+    gamma_shape: float = GAMMA_SHAPE
 
     def __post_init__(self) -> None:
         if self.density not in DENSITY_MODELS:
             raise InputError(f"density model {self.density!r} is not known; choose one of {', '.join(DENSITY_MODELS)}")
         if not 0 < self.beam_speed_c < 1:
             raise InputError(f"a beam of {self.beam_speed_c:g} c is not one; give a speed between 0 and 1 c")
+        for name in ("width_factor", "decay_factor", "gamma_shape"):
+            if not 0 < getattr(self, name) < np.inf:
+                raise InputError(f"{name} is {getattr(self, name):g}; give a number above zero")
 
 
 def source_range_rsun(burst: SimulatedBurst, frequency_mhz: FloatArray) -> FloatArray:

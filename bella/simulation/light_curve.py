@@ -53,22 +53,29 @@ class LightCurve:
 
 
 @lru_cache(maxsize=1024)
-def light_curve(frequency_mhz: float) -> LightCurve:
+def light_curve(
+    frequency_mhz: float, rise_factor: float = 1.0, decay_factor: float = 1.0, gamma_shape: float = GAMMA_SHAPE
+) -> LightCurve:
     """Light curve of a burst at a frequency.
 
     Parameters
     ----------
     frequency_mhz : float
+    rise_factor, decay_factor : float
+        By how much rise and decay are slower than observed on average.
+    gamma_shape : float
+        Shape of the smearing kernel; 1 is an exponential decay.
 
     Returns
     -------
     LightCurve
     """
-    sd, decay = rise_half_width_s(frequency_mhz) / HALF_WIDTH_SD, decay_s(frequency_mhz)
+    sd = rise_factor * rise_half_width_s(frequency_mhz) / HALF_WIDTH_SD
+    decay = decay_factor * decay_s(frequency_mhz)
     step = sd / STEPS_PER_SD
     rise = np.arange(-BEFORE_SD * sd, BEFORE_SD * sd, step)
     tail = np.arange(0, DECAYS * decay, step) + 0.5 * step
-    kernel = stats.gamma.pdf(tail, GAMMA_SHAPE, scale=decay / GAMMA_SHAPE)
+    kernel = stats.gamma.pdf(tail, gamma_shape, scale=decay / gamma_shape)
     curve = fftconvolve(np.exp(-0.5 * (rise / sd) ** 2), kernel)
     time = rise[0] + 0.5 * step + step * np.arange(curve.size)
     curve = np.maximum(curve / curve.max(), 0.0)

@@ -129,7 +129,8 @@ def _add(power: FloatArray, receiver: Receiver, burst: SimulatedBurst, released_
     arrived_s = arrival_s(burst, receiver.frequency_mhz[heard], receiver.observatory)
     half = 0.5 * receiver.integration_s
     for column, arrived in zip(heard, arrived_s, strict=True):
-        curve = light_curve(float(f"{receiver.frequency_mhz[column]:.{LIGHT_CURVE_DIGITS}g}"))
+        shared_mhz = float(f"{receiver.frequency_mhz[column]:.{LIGHT_CURVE_DIGITS}g}")
+        curve = light_curve(shared_mhz, decay_factor=burst.decay_factor, gamma_shape=burst.gamma_shape)
         begin_s = arrived - receiver.sample_offset_s[column]
         reach = begin_s + curve.time_s[[0, -1]] * burst.width_factor + (-half, half)
         rows = slice(*np.searchsorted(released_s, reach))

@@ -120,7 +120,7 @@ def spectrum() -> xr.Dataset:
 
 
 def test_a_spectrum_is_timed_channel_by_channel_in_power() -> None:
-    edges = spectrum_edges(spectrum())
+    edges = spectrum_edges(spectrum(), "half_maximum")
 
     assert edges["frequency_mhz"].tolist() == [0.5, 1.0, 1.5]
     assert edges["flag"].tolist() == ["", "no_signal", ""]
@@ -131,8 +131,8 @@ def test_a_spectrum_is_timed_channel_by_channel_in_power() -> None:
 
 
 def test_the_sweep_is_taken_into_account() -> None:
-    swept = spectrum_edges(spectrum().assign(sample_offset_s=("frequency", [0.0, 0.0, 12.5])))
-    plain = spectrum_edges(spectrum())
+    swept = spectrum_edges(spectrum().assign(sample_offset_s=("frequency", [0.0, 0.0, 12.5])), "half_maximum")
+    plain = spectrum_edges(spectrum(), "half_maximum")
 
     delay = (swept["arrival_utc"] - plain["arrival_utc"]).dt.total_seconds()
     assert delay.tolist()[::2] == pytest.approx([0.0, 12.5], abs=1e-6)
@@ -142,4 +142,4 @@ def test_the_sweep_is_taken_into_account() -> None:
 def test_channels_that_were_not_measured_are_left_out(kind: type) -> None:
     marked = spectrum().assign(interpolated=("frequency", np.array([0, 1, 1], dtype=kind)))
 
-    assert spectrum_edges(marked)["frequency_mhz"].tolist() == [0.5]
+    assert spectrum_edges(marked, "half_maximum")["frequency_mhz"].tolist() == [0.5]

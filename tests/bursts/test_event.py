@@ -141,7 +141,7 @@ def test_delays_of_half_maximum_power() -> None:
 def test_delays_of_what_the_figure_shows_agree_with_an_independent_reduction() -> None:
     fits = {}
     for name, child in event_spectra().children.items():
-        edges = spectrum_edges(child.to_dataset().assign_attrs(power_exponent=1.0))
+        edges = spectrum_edges(child.to_dataset().assign_attrs(power_exponent=1.0), "half_maximum")
         edges = edges[edges["frequency_mhz"].between(0.18, 2.0)]
         arrival_s = seconds(edges["arrival_utc"])
         fits[name] = fit_time_evolution(edges["frequency_mhz"].to_numpy(), arrival_s, np.ones(len(edges)))
@@ -156,9 +156,8 @@ def test_single_channels_agree_with_another_digitisation_of_the_figure(reference
     other = pd.read_csv(reference_files / "arrivals" / "20120607_arrivals_from_digitised.csv")
     for short, name in SHORT.items():
         rows = other[(other["spacecraft"] == short.lower()) & other["freq_mhz"].between(0.16, 1.95)]
-        edges = spectrum_edges(event_spectra()[name].to_dataset().assign_attrs(power_exponent=1.0)).set_index(
-            "frequency_mhz"
-        )
+        spectrum = event_spectra()[name].to_dataset().assign_attrs(power_exponent=1.0)
+        edges = spectrum_edges(spectrum, "half_maximum").set_index("frequency_mhz")
         nearest = edges.index.get_indexer(rows["freq_mhz"], method="nearest", tolerance=0.02)
         midnight_s = (REFERENCE_UTC - np.datetime64("2012-06-07")) / np.timedelta64(1, "s")
         found_s = seconds(edges["arrival_utc"].iloc[nearest[nearest >= 0]]) + midnight_s

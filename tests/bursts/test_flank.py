@@ -1,13 +1,20 @@
 import numpy as np
 import pytest
 
-from bella.bursts.edges import half_maximum_edge
-from bella.bursts.flank import flank_edge
+from bella.bursts.edge import Edge
+from bella.bursts.flank import flank_edges
+from bella.bursts.half_maximum import half_maximum_edge
 from bella.bursts.widths import decay_s
 from bella.simulation.light_curve import light_curve
 
 RECEIVERS = {"60 s": (60.0, 60.0), "38 s": (38.0, 2.0), "17 s": (17.0, 2.0), "7 s": (7.0, 7.0)}
 """Cadence and integration time, s."""
+
+
+def flank_edge(
+    time_s: np.ndarray, power: np.ndarray, cadence_s: float, frequency_mhz: float, integration_s: float
+) -> Edge:
+    return flank_edges(time_s, power[:, None], cadence_s, np.array([frequency_mhz]), integration_s)[0]
 
 
 def observed(
