@@ -34,5 +34,20 @@ TRACK_FLAGS = {
 }
 """Flags of a fit to the track of a burst."""
 
+EDGE_FLAGS = {
+    "no_samples": "Too few samples in the channel.",
+    "no_signal": "Nothing above the background.",
+    "no_flank": "The burst is above half of its maximum from the first sample on, or no rise fits the samples.",
+    "no_decay": "Highest at the last sample: the maximum is unknown.",
+    "gap_in_flank": "Samples are missing where the burst rises.",
+    "saturated": "The light curve stays at its highest value: the receiver has cut the maximum off, and half of it is "
+    "unknown.",
+    "edges_disagree": "The half-rise and the half-maximum of the same maximum differ by more than their errors allow: "
+    "not a single burst, and neither is given.",
+    "fit_failed": "The Gauss-Hermite curve does not fit.",
+    "peak_outside": "The peak of the Gauss-Hermite curve, or its edge, is outside the samples.",
+}
+"""Why a channel has no edge, in the column ``flag`` of the arrival table."""
+
 FLAGS = LOCALISATION_FLAGS | TRACK_FLAGS
-"""Name and meaning of every flag."""
+"""Name and meaning of every flag of a solution."""

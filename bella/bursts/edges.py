@@ -1,7 +1,7 @@
 """Edges of all channels of a dynamic spectrum, by any of three definitions.
 
-``half_rise``: from the rising flank alone, good to a fraction of the cadence (:mod:`bella.bursts.flank`); channels whose
-half-maximum contradicts it are refused. ``half_maximum``: by a straight line between two samples
+``half_rise``: from the rising flank alone, good to a fraction of the cadence (:mod:`bella.bursts.flank`); refused where
+the half-maximum contradicts it. ``half_maximum``: by a straight line between two samples
 (:mod:`bella.bursts.half_maximum`). ``gauss_hermite``: the edge of Canizares et al. 2024
 (:mod:`bella.bursts.gauss_hermite`).
 """

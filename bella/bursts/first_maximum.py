@@ -1,7 +1,5 @@
 """Where the first burst of a light curve ends, so that a second one in its decay is passed over."""
 
-from typing import NamedTuple
-
 import numpy as np
 from scipy.ndimage import uniform_filter1d
 
@@ -19,16 +17,7 @@ RISE_SAMPLES = 3
 """With this many samples or more on the rise, three of them are averaged first."""
 
 
-class FirstMaximum(NamedTuple):
-    """Samples of the first maximum of a light curve."""
-
-    peak: int
-    """The highest sample of the first burst."""
-    stop: int
-    """First sample that is so much lower that the maximum is over; the number of samples where none is."""
-
-
-def first_maximum(power: FloatArray, samples_on_rise: float) -> FirstMaximum:
+def first_maximum(power: FloatArray, samples_on_rise: float) -> int:
     """First maximum that is high enough and followed by a significant dip, else the highest sample.
 
     Parameters
@@ -40,7 +29,8 @@ def first_maximum(power: FloatArray, samples_on_rise: float) -> FirstMaximum:
 
     Returns
     -------
-    FirstMaximum
+    int
+        The highest sample up to where the maximum is over.
     """
     width = 3 if samples_on_rise >= RISE_SAMPLES else 1
     smooth = uniform_filter1d(power, width, mode="nearest")
@@ -49,4 +39,4 @@ def first_maximum(power: FloatArray, samples_on_rise: float) -> FirstMaximum:
     dip = np.maximum(DIP_SIGMAS * noise, SMALLEST_DIP * highest)
     over = np.flatnonzero((highest >= QUALIFIES * highest[-1]) & (highest - smooth >= dip))
     stop = int(over[0]) if over.size else power.size
-    return FirstMaximum(int(power[:stop].argmax()) if stop else 0, stop)
+    return int(power[: max(stop, 1)].argmax())

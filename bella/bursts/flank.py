@@ -18,7 +18,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy import fft
 
-from bella.bursts.edge import GAP, NO_FLANK, NO_SAMPLES, Edge, no_edge
+from bella.bursts.edge import EDGES_DISAGREE, GAP, NO_FLANK, NO_SAMPLES, SATURATED, Edge, no_edge
 from bella.bursts.first_maximum import first_maximum
 from bella.bursts.flank_shapes import Shapes, frequency_bin, shapes
 from bella.bursts.half_maximum import FLUX_SCATTER, GAP_CADENCES, half_maximum_edge, quiet_noise
@@ -31,8 +31,29 @@ RISES_BEFORE = 8.0
 RISES_AFTER, CADENCES_AFTER = 5.0, 3.0
 """How long after the first guess the fit ends at the latest, in half widths of the rise plus records."""
 
-SHAPE_ERROR = 0.04
-"""Share of a sample by which a light curve may depart from the fitted shape and from the nodes of the grid."""
+SHAPE_ERROR = 0.01
+"""Share of the maximum by which a light curve may depart from the fitted shape and from the nodes of the grid."""
+
+TOP_ERROR = 1.5
+"""The highest sample was chosen for being high and the one after it may hold another burst: their errors times this."""
+
+SHAPE_SIGMA = 0.025
+"""Error of the time that more samples do not lessen, in half widths of the rise: no burst has quite this shape."""
+
+DISAGREE_SIGMAS = 3.0
+LINE_BIAS = 0.1
+"""Bias of the half-maximum from the straight line between two samples, in records."""
+
+FLANK_WIDTHS = 2.0
+"""Duration of the flank from background to maximum along its steepest slope, in half widths of the rise. Of many noisy
+samples on it, the half-maximum takes the last below one half and is late by the error of a sample over that slope.
+"""
+
+FLANK_RISES = 2.5
+"""Half widths of the rise before the first guess from which on no sample may be missing."""
+
+FLAT_SAMPLES, FLAT_RISES = 3, 0.5
+"""A light curve that stays at its highest value for so many samples and half widths of the rise has been cut off."""
 
 FEWEST = 4
 STEPS_PER_RISE, STEPS_PER_CADENCE = 40, 80
@@ -63,10 +84,11 @@ def _curves(grid: Grid, frequency_mhz: float, integration_s: float) -> Shapes:
     return shapes(frequency_bin(frequency_mhz), grid.step_s, first, points, integration_s)
 
 
-def _sample_error(power: FloatArray, noise: float) -> FloatArray:
-    """Noise of the quiet samples, and a share of the signal; power with maximum 1."""
-    relative = math.hypot(FLUX_SCATTER, SHAPE_ERROR)
-    return np.asarray(np.hypot(max(noise, 1e-3), relative * np.maximum(power, 0.0)))
+def _sample_error(power: FloatArray, noise: float, peak: int) -> FloatArray:
+    """Noise of the quiet samples, and a share of the signal; power with maximum 1 at the peak."""
+    error = np.hypot(max(noise, SHAPE_ERROR), FLUX_SCATTER * np.maximum(power, 0.0))
+    error[peak:] *= TOP_ERROR
+    return np.asarray(error)
 
 
 def _deposit(position: FloatArray, weight: FloatArray, points: int) -> FloatArray:
@@ -115,29 +137,60 @@ def _fitted(time: FloatArray, power: FloatArray, error: FloatArray, grid: Grid, 
     return Edge(mean, math.sqrt(variance + grid.step_s**2 / 12), "")
 
 
-def _channel_edge(
-    time: FloatArray, power: FloatArray, cadence_s: float, frequency_mhz: float, integration_s: float
-) -> Edge:
-    known = np.isfinite(power)
-    if known.sum() < FEWEST:
+class Channel(NamedTuple):
+    """Light curve of a channel without its missing samples."""
+
+    time_s: FloatArray
+    power: FloatArray
+    cadence_s: float
+    frequency_mhz: float
+    integration_s: float
+
+
+def _channel_edge(channel: Channel) -> Edge:
+    if channel.time_s.size < FEWEST:
         return no_edge(NO_SAMPLES)
-    time, power = time[known], power[known]
-    rise = rise_half_width_s(frequency_mhz)
-    maximum = first_maximum(power, rise / cadence_s)
-    guess = half_maximum_edge(time, power, cadence_s, float(time[maximum.peak]))
-    if guess.flag:
-        return guess
-    grid = _grid(rise, cadence_s)
-    after, height = time - guess.arrival_s, power / power[maximum.peak]
-    last = max(maximum.peak + 2, min(maximum.stop, maximum.peak + 2))
-    inside = (after >= -grid.before * grid.step_s) & (after <= grid.after * grid.step_s) & (np.arange(time.size) < last)
+    rise = rise_half_width_s(channel.frequency_mhz)
+    peak = first_maximum(channel.power, rise / channel.cadence_s)
+    straight = half_maximum_edge(channel.time_s, channel.power, channel.cadence_s, float(channel.time_s[peak]))
+    if straight.flag:
+        return straight
+    if _saturated(channel, peak, rise):
+        return no_edge(SATURATED)
+    edge = _half_rise(channel, peak, straight.arrival_s, _grid(rise, channel.cadence_s))
+    if edge.flag:
+        return edge
+    edge = edge._replace(sigma_s=math.hypot(edge.sigma_s, SHAPE_SIGMA * rise))
+    return no_edge(EDGES_DISAGREE) if _disagree(edge, straight, channel, peak) else edge
+
+
+def _disagree(edge: Edge, straight: Edge, channel: Channel, peak: int) -> bool:
+    height = channel.power[: peak + 1] / channel.power[peak]
+    flank_s = FLANK_WIDTHS * rise_half_width_s(channel.frequency_mhz)
+    late = flank_s * math.hypot(quiet_noise(height, 1.0), FLUX_SCATTER)
+    joint = math.hypot(edge.sigma_s, straight.sigma_s, LINE_BIAS * channel.cadence_s, late)
+    return abs(edge.arrival_s - straight.arrival_s) > DISAGREE_SIGMAS * joint
+
+
+def _saturated(channel: Channel, peak: int, rise_s: float) -> bool:
+    lower = np.flatnonzero(channel.power[peak:] < channel.power[peak])
+    flat = int(lower[0]) if lower.size else channel.power.size - peak
+    return flat >= FLAT_SAMPLES and channel.time_s[peak + flat - 1] - channel.time_s[peak] >= FLAT_RISES * rise_s
+
+
+def _half_rise(channel: Channel, peak: int, guess_s: float, grid: Grid) -> Edge:
+    """Fit of the background, the rise, and one sample after the maximum."""
+    time, height = channel.time_s[: peak + 2] - guess_s, channel.power[: peak + 2] / channel.power[peak]
+    error = _sample_error(height, quiet_noise(height, 1.0), peak)
+    inside = (time >= -grid.before * grid.step_s) & (time <= grid.after * grid.step_s)
     if inside.sum() < FEWEST:
         return no_edge(NO_SAMPLES)
-    if np.diff(after[inside]).max() > GAP_CADENCES * cadence_s:
+    flank = time[1:] >= -FLANK_RISES * STEPS_PER_RISE * grid.step_s
+    if np.diff(time)[flank].max() > GAP_CADENCES * channel.cadence_s:
         return no_edge(GAP)
-    error = _sample_error(height, quiet_noise(height[:last], 1.0))
-    edge = _fitted(after[inside], height[inside], error[inside], grid, _curves(grid, frequency_mhz, integration_s))
-    return edge._replace(arrival_s=guess.arrival_s + edge.arrival_s)
+    curves = _curves(grid, channel.frequency_mhz, channel.integration_s)
+    edge = _fitted(time[inside], height[inside], error[inside], grid, curves)
+    return edge._replace(arrival_s=guess_s + edge.arrival_s)
 
 
 def flank_edges(
@@ -161,10 +214,15 @@ def flank_edges(
     Returns
     -------
     list of Edge
-        Mean and standard deviation of the posterior; or NaN with a reason of :mod:`bella.bursts.edge`.
+        Mean and standard deviation of the posterior; or NaN with a reason of :mod:`bella.bursts.edge`, among them
+        ``edges_disagree``, where the half-maximum says otherwise, and ``saturated``.
     """
     times = np.broadcast_to(time_s if time_s.ndim == 2 else time_s[:, None], power.shape)
-    channels = zip(times.T, power.T, frequency_mhz, strict=True)
-    return [
-        _channel_edge(time, column, cadence_s, float(frequency), integration_s) for time, column, frequency in channels
-    ]
+    channels = []
+    for with_gaps, column, frequency in zip(times.T, power.T, frequency_mhz, strict=True):
+        known = np.isfinite(column)
+        time = with_gaps[known]
+        # of a channel that is sampled in every other record only, the rest is no gap
+        spacing = max(cadence_s, float(np.median(np.diff(time)))) if time.size > 1 else cadence_s
+        channels.append(Channel(time, column[known], spacing, float(frequency), integration_s))
+    return [_channel_edge(channel) for channel in channels]

@@ -16,7 +16,7 @@ from bella.bursts.half_maximum import LEVEL
 from bella.bursts.widths import HALF_WIDTH_SD, decay_s, rise_half_width_s
 from bella.units import FloatArray
 
-RISE_SPREAD, DECAY_SPREAD = 0.5, 0.4
+RISE_SPREAD, DECAY_SPREAD = 0.4, 0.35
 """Standard deviations of the logarithms of rise and decay about their laws."""
 
 SPREADS = (-2.0, -1.5, -1.0, -0.5, 0.0, 0.5, 1.0, 1.5, 2.0)

@@ -85,7 +85,8 @@ def test_more_noise_is_a_larger_error() -> None:
         quiet_s.append(flank_edge(time, power, 17.0, 0.5, 2.0).sigma_s)
         noisy_s.append(flank_edge(time, noisy, 17.0, 0.5, 2.0).sigma_s)
 
-    assert np.median(noisy_s) > 1.5 * np.median(quiet_s)
+    assert np.isnan(noisy_s).sum() <= 2  # noise on the flank misleads the half-maximum, which is then noticed
+    assert np.nanmedian(noisy_s) > 1.5 * np.median(quiet_s)
 
 
 def test_missing_samples_far_from_the_flank_change_little_and_on_it_refuse() -> None:
