@@ -36,7 +36,7 @@ TRACK_FLAGS = {
 
 EDGE_FLAGS = {
     "no_samples": "Too few samples in the channel.",
-    "no_signal": "Nothing above the background.",
+    "no_signal": "Nothing above the background and its noise.",
     "no_flank": "The burst is above half of its maximum from the first sample on, or no rise fits the samples.",
     "no_decay": "Highest at the last sample: the maximum is unknown.",
     "gap_in_flank": "Samples are missing where the burst rises.",
@@ -44,7 +44,7 @@ EDGE_FLAGS = {
     "unknown.",
     "edges_disagree": "The half-rise and the half-maximum of the same maximum differ by more than their errors allow: "
     "not a single burst, and neither is given.",
-    "fit_failed": "The Gauss-Hermite curve does not fit.",
+    "fit_failed": "No curve fits the samples: not a single burst, or the samples are not what they seem.",
     "peak_outside": "The peak of the Gauss-Hermite curve, or its edge, is outside the samples.",
 }
 """Why a channel has no edge, in the column ``flag`` of the arrival table."""

@@ -26,7 +26,7 @@ from bella.simulation.light_curve import light_curve
 from bella.units import FloatArray
 from benchmarks.localisation import Row, seconds
 
-FREQUENCIES_MHZ = (0.3, 0.5, 1.0)
+FREQUENCIES_MHZ = (0.3, 0.5, 1.0, 3.0)
 INTEGRATION_S = {60.0: 60.0, 38.0: 2.0, 17.0: 2.0, 7.0: 7.0}
 """Integration time of one sample by cadence, s."""
 

@@ -17,8 +17,9 @@ from typing import NamedTuple
 
 import numpy as np
 from scipy import fft
+from scipy.stats import chi2
 
-from bella.bursts.edge import EDGES_DISAGREE, GAP, NO_FLANK, NO_SAMPLES, SATURATED, Edge, no_edge
+from bella.bursts.edge import EDGES_DISAGREE, FIT_FAILED, GAP, NO_FLANK, NO_SAMPLES, NO_SIGNAL, SATURATED, Edge, no_edge
 from bella.bursts.first_maximum import first_maximum
 from bella.bursts.flank_shapes import Shapes, frequency_bin, shapes
 from bella.bursts.half_maximum import FLUX_SCATTER, GAP_CADENCES, half_maximum_edge, quiet_noise
@@ -28,8 +29,18 @@ from bella.units import FloatArray
 RISES_BEFORE = 8.0
 """How much of the background before the first guess is fitted with the flank, in half widths of the rise."""
 
-RISES_AFTER, CADENCES_AFTER = 5.0, 3.0
-"""How long after the first guess the fit ends at the latest, in half widths of the rise plus records."""
+RISES_AFTER, CADENCES_AFTER = 3.0, 2.0
+"""How long after the first guess the fit ends at the latest: so many half widths of the rise and a record, or so many
+records. Two bursts without a dip between them have their common maximum later than any single one.
+"""
+
+SIGNAL_SIGMAS = 7.0
+"""A maximum of fewer standard deviations of the quiet samples is none; of pure noise those below a quarter of the
+maximum scatter by two thirds of all.
+"""
+
+MISFIT_PROBABILITY = 1e-3
+"""The best curve must fit better than noise alone would leave it so rarely."""
 
 SHAPE_ERROR = 0.01
 """Share of the maximum by which a light curve may depart from the fitted shape and from the nodes of the grid."""
@@ -74,7 +85,7 @@ class Grid(NamedTuple):
 def _grid(rise_s: float, cadence_s: float) -> Grid:
     step = max(rise_s / STEPS_PER_RISE, cadence_s / STEPS_PER_CADENCE)
     before = max(RISES_BEFORE * rise_s, FEWEST * cadence_s)
-    after = RISES_AFTER * rise_s + CADENCES_AFTER * cadence_s
+    after = max(RISES_AFTER * rise_s + cadence_s, CADENCES_AFTER * cadence_s)
     return Grid(step, *(math.ceil(span / step) for span in (1.5 * (rise_s + cadence_s), before, after)))
 
 
@@ -99,18 +110,18 @@ def _deposit(position: FloatArray, weight: FloatArray, points: int) -> FloatArra
     return np.asarray(low + np.bincount(below + 1, weight * share, points))
 
 
-def _log_evidence(position: FloatArray, power: FloatArray, error: FloatArray, grid: Grid, curves: Shapes) -> FloatArray:
-    """Evidence of each curve and trial time, amplitude and background integrated out, shape (K, trials).
+def _explained(
+    position: FloatArray, power: FloatArray, weight: FloatArray, grid: Grid, curves: Shapes
+) -> tuple[FloatArray, FloatArray]:
+    """Sums over the samples of curve x power and curve x curve about their means, shape (K, trials) each.
 
     `position` counts steps from the earliest trial time to the sample, less the first point of the curves.
     """
-    weight = 1.0 / error**2
     total = weight.sum()
-    relative = power - (weight * power).sum() / total
     points = curves.samples.shape[1]
     # at the latest trial time the samples lie 2 * reach steps farther left on the curve
     offset = position - 2 * grid.reach
-    deposited = fft.rfft([_deposit(offset, weight, points), _deposit(offset, weight * relative, points)]).conj()
+    deposited = fft.rfft([_deposit(offset, weight, points), _deposit(offset, weight * power, points)]).conj()
     trials = slice(2 * grid.reach, None, -1)
 
     def _correlated(of_curves: np.ndarray, of_samples: np.ndarray) -> FloatArray:
@@ -119,18 +130,29 @@ def _log_evidence(position: FloatArray, power: FloatArray, error: FloatArray, gr
     sum_shape = _correlated(curves.transform, deposited[0])
     product = _correlated(curves.transform, deposited[1])
     spread = _correlated(curves.square_transform, deposited[0]) - sum_shape**2 / total
-    with np.errstate(divide="ignore", invalid="ignore"):
-        evidence = 0.5 * product**2 / spread - 0.5 * np.log(spread) + curves.log_prior[:, None]
-    return np.where((product > 0) & (spread > 1e-9 * total), evidence, -np.inf)
+    possible = (product > 0) & (spread > 1e-9 * total)
+    return np.where(possible, product, 0.0), np.where(possible, spread, np.inf)
 
 
 def _fitted(time: FloatArray, power: FloatArray, error: FloatArray, grid: Grid, curves: Shapes) -> Edge:
-    """Mean and standard deviation of the posterior; time from the first guess."""
+    """Mean and standard deviation of the posterior; time from the first guess.
+
+    The background has a flat prior, the amplitude one over itself: a flat one would prefer that a single sample has
+    caught the foot of a burst without bound.
+    """
+    weight = 1.0 / error**2
+    relative = power - np.average(power, weights=weight)
     position = time / grid.step_s + grid.reach - curves.first
-    log = _log_evidence(position, power, error, grid, curves)
-    probability = np.exp(log - log.max()).sum(axis=0) if np.isfinite(log.max()) else np.zeros(log.shape[1])
-    if not probability.sum() > 0:
+    product, spread = _explained(position, relative, weight, grid, curves)
+    explained = product**2 / spread
+    if not explained.max() > 0:
         return no_edge(NO_FLANK)
+    if chi2.sf((weight * relative**2).sum() - explained.max(), time.size - 2) < MISFIT_PROBABILITY:
+        return no_edge(FIT_FAILED)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        log = 0.5 * explained + np.where(product > 0, 0.5 * np.log(spread) - np.log(product), -np.inf)
+    log += curves.log_prior[:, None]
+    probability = np.exp(log - log.max()).sum(axis=0)
     trial = grid.step_s * np.arange(-grid.reach, grid.reach + 1)
     mean = float(np.average(trial, weights=probability))
     variance = float(np.average((trial - mean) ** 2, weights=probability))
@@ -155,6 +177,8 @@ def _channel_edge(channel: Channel) -> Edge:
     straight = half_maximum_edge(channel.time_s, channel.power, channel.cadence_s, float(channel.time_s[peak]))
     if straight.flag:
         return straight
+    if channel.power[peak] < SIGNAL_SIGMAS * quiet_noise(channel.power, float(channel.power[peak])):
+        return no_edge(NO_SIGNAL)
     if _saturated(channel, peak, rise):
         return no_edge(SATURATED)
     edge = _half_rise(channel, peak, straight.arrival_s, _grid(rise, channel.cadence_s))
@@ -185,7 +209,7 @@ def _half_rise(channel: Channel, peak: int, guess_s: float, grid: Grid) -> Edge:
     inside = (time >= -grid.before * grid.step_s) & (time <= grid.after * grid.step_s)
     if inside.sum() < FEWEST:
         return no_edge(NO_SAMPLES)
-    flank = time[1:] >= -FLANK_RISES * STEPS_PER_RISE * grid.step_s
+    flank = time[1:] >= -FLANK_RISES * rise_half_width_s(channel.frequency_mhz)
     if np.diff(time)[flank].max() > GAP_CADENCES * channel.cadence_s:
         return no_edge(GAP)
     curves = _curves(grid, channel.frequency_mhz, channel.integration_s)

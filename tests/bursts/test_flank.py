@@ -6,6 +6,7 @@ from bella.bursts.flank import flank_edges
 from bella.bursts.half_maximum import half_maximum_edge
 from bella.bursts.widths import decay_s
 from bella.simulation.light_curve import light_curve
+from benchmarks.edges import INTEGRATION_S, Case, by_flank, simulated, timing
 
 RECEIVERS = {"60 s": (60.0, 60.0), "38 s": (38.0, 2.0), "17 s": (17.0, 2.0), "7 s": (7.0, 7.0)}
 """Cadence and integration time, s."""
@@ -81,7 +82,7 @@ def test_more_noise_is_a_larger_error() -> None:
     random, quiet_s, noisy_s = np.random.default_rng(15), [], []
     for _ in range(12):
         time, power = observed(0.5, "17 s", random)
-        noisy = power + 1.5 * random.standard_normal(time.size)
+        noisy = power + 1.0 * random.standard_normal(time.size)
         quiet_s.append(flank_edge(time, power, 17.0, 0.5, 2.0).sigma_s)
         noisy_s.append(flank_edge(time, noisy, 17.0, 0.5, 2.0).sigma_s)
 
@@ -115,3 +116,19 @@ def test_light_curve_without_a_flank_says_why(power: np.ndarray, reason: str) ->
 
     assert edge.flag == reason
     assert np.isnan(edge.arrival_s)
+
+
+@pytest.mark.parametrize("cadence_s", INTEGRATION_S)
+@pytest.mark.parametrize("second", [False, True], ids=["alone", "second"])
+@pytest.mark.parametrize("contrast", [10.0, 30.0])
+def test_sigma_is_that_of_bursts_unlike_the_fitted_ones(cadence_s: float, second: bool, contrast: float) -> None:
+    """Rises, decays and kernels vary; a second burst may stand in the decay; 120 light curves of three frequencies."""
+    cases = [Case(frequency, cadence_s, second, contrast) for frequency in (0.3, 0.5, 1.0)]
+    edges = [edge for case in cases for edge in by_flank(simulated(case, range(2000, 2040)), case)]
+    found = timing(edges)
+
+    assert abs(found.bias_s) < 3
+    assert found.scatter_s < 4
+    assert 0.75 < found.pull < 1.3
+    assert found.outliers < 0.01
+    assert found.refused < 0.02
