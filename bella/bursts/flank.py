@@ -17,7 +17,7 @@ from typing import NamedTuple
 
 import numpy as np
 from scipy import fft
-from scipy.stats import chi2
+from scipy.special import chdtrc
 
 from bella.bursts.edge import EDGES_DISAGREE, FIT_FAILED, GAP, NO_FLANK, NO_SAMPLES, NO_SIGNAL, SATURATED, Edge, no_edge
 from bella.bursts.first_maximum import first_maximum
@@ -67,7 +67,7 @@ FLAT_SAMPLES, FLAT_RISES = 3, 0.5
 """A light curve that stays at its highest value for so many samples and half widths of the rise has been cut off."""
 
 FEWEST = 4
-STEPS_PER_RISE, STEPS_PER_CADENCE = 40, 80
+STEPS_PER_RISE, STEPS_PER_CADENCE = 24, 60
 
 
 class Grid(NamedTuple):
@@ -147,7 +147,7 @@ def _fitted(time: FloatArray, power: FloatArray, error: FloatArray, grid: Grid, 
     explained = product**2 / spread
     if not explained.max() > 0:
         return no_edge(NO_FLANK)
-    if chi2.sf((weight * relative**2).sum() - explained.max(), time.size - 2) < MISFIT_PROBABILITY:
+    if chdtrc(time.size - 2, (weight * relative**2).sum() - explained.max()) < MISFIT_PROBABILITY:
         return no_edge(FIT_FAILED)
     with np.errstate(divide="ignore", invalid="ignore"):
         log = 0.5 * explained + np.where(product > 0, 0.5 * np.log(spread) - np.log(product), -np.inf)

@@ -22,7 +22,7 @@ RISE_SPREAD, DECAY_SPREAD = 0.4, 0.35
 SPREADS = (-2.0, -1.5, -1.0, -0.5, 0.0, 0.5, 1.0, 1.5, 2.0)
 """Nodes of rise and decay, in standard deviations of their priors."""
 
-FREQUENCY_STEP = 0.04
+FREQUENCY_STEP = 0.08
 """Channels whose frequencies differ by less than this share are fitted with the same curves."""
 
 RATIO_STEP = 0.05
