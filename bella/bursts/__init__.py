@@ -10,12 +10,20 @@ from bella.bursts.event import (
 )
 from bella.bursts.half_maximum import half_maximum_edge
 from bella.bursts.identity import burst_id, onset
-from bella.bursts.time_evolution import TimeEvolution, fit_time_evolution
+from bella.bursts.time_evolution import (
+    TimeEvolution,
+    best_time_evolution,
+    common_offset_s,
+    fit_time_evolution,
+    robust_time_evolution,
+)
 
 __all__ = [
     "EVENT",
     "TimeEvolution",
+    "best_time_evolution",
     "burst_id",
+    "common_offset_s",
     "fit_time_evolution",
     "half_maximum_arrivals",
     "half_maximum_edge",
@@ -23,5 +31,6 @@ __all__ = [
     "onset",
     "published_arrivals",
     "published_rise_times",
+    "robust_time_evolution",
     "spectrum_edges",
 ]
