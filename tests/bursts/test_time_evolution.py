@@ -164,7 +164,7 @@ def test_the_basis_is_chosen_by_what_the_channels_can_tell() -> None:
     sigma_s = 2.1 * frequency_mhz**-0.77
 
     simple = best_time_evolution(frequency_mhz, random.normal(paper, sigma_s), sigma_s)
-    bent = best_time_evolution(frequency_mhz, random.normal(beam_s(frequency_mhz), sigma_s), sigma_s)
+    bent = best_time_evolution(frequency_mhz, random.normal(3 * beam_s(frequency_mhz), sigma_s), sigma_s)
     few = best_time_evolution(frequency_mhz[::30], beam_s(frequency_mhz[::30]), sigma_s[::30])
 
     assert (simple.basis, bent.basis, few.basis) == ("paper", "five_term", "paper")
