@@ -17,7 +17,7 @@ RISE_SAMPLES = 3
 """With this many samples or more on the rise, three of them are averaged first."""
 
 
-def first_maximum(power: FloatArray, samples_on_rise: float) -> int:
+def first_maximum(power: FloatArray, samples_on_rise: float, scatter: float = FLUX_SCATTER) -> int:
     """First maximum that is high enough and followed by a significant dip, else the highest sample.
 
     Parameters
@@ -26,6 +26,8 @@ def first_maximum(power: FloatArray, samples_on_rise: float) -> int:
         Power above background in any unit, all finite, N at least one.
     samples_on_rise : float
         Number of samples in the half width of the rise.
+    scatter : float
+        Standard deviation of a sample as a share of its power.
 
     Returns
     -------
@@ -35,7 +37,7 @@ def first_maximum(power: FloatArray, samples_on_rise: float) -> int:
     width = 3 if samples_on_rise >= RISE_SAMPLES else 1
     smooth = uniform_filter1d(power, width, mode="nearest")
     highest = np.maximum.accumulate(smooth)
-    noise = np.hypot(quiet_noise(power, float(power.max())), FLUX_SCATTER * highest) / np.sqrt(width)
+    noise = np.hypot(quiet_noise(power, float(power.max())), scatter * highest) / np.sqrt(width)
     dip = np.maximum(DIP_SIGMAS * noise, SMALLEST_DIP * highest)
     over = np.flatnonzero((highest >= QUALIFIES * highest[-1]) & (highest - smooth >= dip))
     stop = int(over[0]) if over.size else power.size

@@ -1,12 +1,15 @@
 """Half-rise times below the cadence, from the rising flank alone.
 
-A light curve is fitted up to where its first maximum is over, so a second burst in the decay has no say.
+A light curve is fitted up to one sample after its first maximum, so a second burst in the decay has no say. Channels
+that no curve fits, and those whose half-maximum in the same stretch says otherwise, are refused.
 
 The shape is a Gaussian rise smeared by an exponential decay, averaged over the integration time of each sample; time,
-rise and decay run over a grid, amplitude and background are integrated out exactly, so the error of the time is that
-of its whole posterior, also where the flank falls between two samples and no slope is known.
+rise and decay run over a grid, amplitude and background are integrated out, so the error of the time is that of its
+whole posterior, also where the flank falls between two samples and no slope is known.
 
-The priors of rise and decay are log-normal about the observed laws of :mod:`bella.bursts.widths`.
+The priors of rise and decay are log-normal about the observed laws of :mod:`bella.bursts.widths`. Their spreads and the
+errors of shape below were chosen on simulated bursts of other shapes (``python -m benchmarks.edges --seed 0``), so that
+errors over stated sigmas have a standard deviation near 1; other seeds bear it out.
 
 Times on trial are steps of one grid, so the sums over the samples are correlations of the tabulated curves with the
 weights of the samples, and all times are had at once from a Fourier transform.
@@ -22,7 +25,7 @@ from scipy.special import chdtrc
 from bella.bursts.edge import EDGES_DISAGREE, FIT_FAILED, GAP, NO_FLANK, NO_SAMPLES, NO_SIGNAL, SATURATED, Edge, no_edge
 from bella.bursts.first_maximum import first_maximum
 from bella.bursts.flank_shapes import Shapes, frequency_bin, shapes
-from bella.bursts.half_maximum import FLUX_SCATTER, GAP_CADENCES, half_maximum_edge, quiet_noise
+from bella.bursts.half_maximum import FLUX_SCATTER, GAP_CADENCES, LEVEL, half_maximum_edge, quiet_noise
 from bella.bursts.widths import rise_half_width_s
 from bella.units import FloatArray
 
@@ -66,6 +69,14 @@ FLANK_RISES = 2.5
 FLAT_SAMPLES, FLAT_RISES = 3, 0.5
 """A light curve that stays at its highest value for so many samples and half widths of the rise has been cut off."""
 
+SAMPLES_ON_RISE, HIGH_SAMPLES = 3.0, 8
+"""With so many samples on the half width of the rise, and above half of the maximum, neighbours differ by their scatter
+more than by the burst.
+"""
+
+LARGEST_SCATTER = 0.15
+"""Neighbours that differ by more are not noise: receivers scatter by 0.02 to 0.14 of the power."""
+
 FEWEST = 4
 STEPS_PER_RISE, STEPS_PER_CADENCE = 24, 60
 
@@ -95,9 +106,9 @@ def _curves(grid: Grid, frequency_mhz: float, integration_s: float) -> Shapes:
     return shapes(frequency_bin(frequency_mhz), grid.step_s, first, points, integration_s)
 
 
-def _sample_error(power: FloatArray, noise: float, peak: int) -> FloatArray:
+def _sample_error(power: FloatArray, scatter: float, peak: int) -> FloatArray:
     """Noise of the quiet samples, and a share of the signal; power with maximum 1 at the peak."""
-    error = np.hypot(max(noise, SHAPE_ERROR), FLUX_SCATTER * np.maximum(power, 0.0))
+    error = np.hypot(max(quiet_noise(power, 1.0), SHAPE_ERROR), scatter * np.maximum(power, 0.0))
     error[peak:] *= TOP_ERROR
     return np.asarray(error)
 
@@ -167,13 +178,26 @@ class Channel(NamedTuple):
     cadence_s: float
     frequency_mhz: float
     integration_s: float
+    scatter: float = FLUX_SCATTER
+    """Standard deviation of a sample as a share of its power."""
+
+
+def _scatter(channel: Channel) -> float:
+    """Scatter of samples about the mean of their neighbours while the burst is high, if there are enough of them."""
+    middle = channel.power[1:-1]
+    high = middle > LEVEL * channel.power.max(initial=0.0)
+    if channel.cadence_s * SAMPLES_ON_RISE > rise_half_width_s(channel.frequency_mhz) or high.sum() < HIGH_SAMPLES:
+        return FLUX_SCATTER
+    relative = (middle - 0.5 * (channel.power[2:] + channel.power[:-2]))[high] / middle[high]
+    scatter = 1.4826 * float(np.median(np.abs(relative))) / math.sqrt(1.5)
+    return min(max(scatter, FLUX_SCATTER), LARGEST_SCATTER)
 
 
 def _channel_edge(channel: Channel) -> Edge:
     if channel.time_s.size < FEWEST:
         return no_edge(NO_SAMPLES)
     rise = rise_half_width_s(channel.frequency_mhz)
-    peak = first_maximum(channel.power, rise / channel.cadence_s)
+    peak = first_maximum(channel.power, rise / channel.cadence_s, channel.scatter)
     straight = half_maximum_edge(channel.time_s, channel.power, channel.cadence_s, float(channel.time_s[peak]))
     if straight.flag:
         return straight
@@ -191,7 +215,7 @@ def _channel_edge(channel: Channel) -> Edge:
 def _disagree(edge: Edge, straight: Edge, channel: Channel, peak: int) -> bool:
     height = channel.power[: peak + 1] / channel.power[peak]
     flank_s = FLANK_WIDTHS * rise_half_width_s(channel.frequency_mhz)
-    late = flank_s * math.hypot(quiet_noise(height, 1.0), FLUX_SCATTER)
+    late = flank_s * math.hypot(quiet_noise(height, 1.0), channel.scatter)
     joint = math.hypot(edge.sigma_s, straight.sigma_s, LINE_BIAS * channel.cadence_s, late)
     return abs(edge.arrival_s - straight.arrival_s) > DISAGREE_SIGMAS * joint
 
@@ -205,7 +229,7 @@ def _saturated(channel: Channel, peak: int, rise_s: float) -> bool:
 def _half_rise(channel: Channel, peak: int, guess_s: float, grid: Grid) -> Edge:
     """Fit of the background, the rise, and one sample after the maximum."""
     time, height = channel.time_s[: peak + 2] - guess_s, channel.power[: peak + 2] / channel.power[peak]
-    error = _sample_error(height, quiet_noise(height, 1.0), peak)
+    error = _sample_error(height, channel.scatter, peak)
     inside = (time >= -grid.before * grid.step_s) & (time <= grid.after * grid.step_s)
     if inside.sum() < FEWEST:
         return no_edge(NO_SAMPLES)
@@ -249,4 +273,4 @@ def flank_edges(
         # of a channel that is sampled in every other record only, the rest is no gap
         spacing = max(cadence_s, float(np.median(np.diff(time)))) if time.size > 1 else cadence_s
         channels.append(Channel(time, column[known], spacing, float(frequency), integration_s))
-    return [_channel_edge(channel) for channel in channels]
+    return [_channel_edge(channel._replace(scatter=_scatter(channel))) for channel in channels]

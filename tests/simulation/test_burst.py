@@ -67,6 +67,25 @@ def test_light_curve_rises_to_one_half_at_zero_and_decays_as_it_should(frequency
     assert max(at(t) for t in np.linspace(0, late, 400)) == pytest.approx(1.0, abs=0.01)
 
 
+def test_factors_change_the_light_curve_and_leave_the_half_rise_at_zero() -> None:
+    plain, slow = light_curve(0.5), light_curve(0.5, rise_factor=2.0, decay_factor=2.0)
+    at = np.linspace(-300.0, 600.0, 40)
+
+    # twice as slow in everything is the same curve on a time axis twice as long
+    np.testing.assert_allclose(slow.mean(2 * at - 2, 2 * at + 2), plain.mean(at - 1, at + 1), atol=1e-4)
+    for curve in (light_curve(0.5, rise_factor=1.5), light_curve(0.5, decay_factor=0.6, gamma_shape=1.0)):
+        assert curve.mean(np.array(-0.5), np.array(0.5)) == pytest.approx(0.5, abs=0.005)
+
+
+def test_a_receiver_sees_the_factors_of_the_burst() -> None:
+    start, stop = RELEASE, RELEASE + np.timedelta64(3600, "s")
+    slow = replace(BURST, rise_factor=1.5, decay_factor=2.0, gamma_shape=1.1)
+    seen = [observe(swept(), [burst], start, stop, np.random.default_rng(1)) for burst in (BURST, slow)]
+    fluence = [float((10 ** (spectrum["intensity"] / 10) - 1).isel(frequency=30).sum()) for spectrum in seen]
+
+    assert 1.5 < fluence[1] / fluence[0] < 2.0
+
+
 def test_rise_and_decay_at_known_frequencies() -> None:
     assert rise_half_width_s(30.0) == pytest.approx(1.5)
     assert rise_half_width_s(0.5) == pytest.approx(35.1, abs=0.1)
@@ -118,6 +137,8 @@ def test_what_cannot_be_simulated_is_refused() -> None:
         SimulatedBurst(RELEASE, density="aether")
     with pytest.raises(InputError, match=r"a beam of 1\.5 c is not one"):
         SimulatedBurst(RELEASE, beam_speed_c=1.5)
+    with pytest.raises(InputError, match="decay_factor is 0; give a number above zero"):
+        SimulatedBurst(RELEASE, decay_factor=0.0)
     with pytest.raises(NoDataError, match="STEREO-B"):
         true_arrivals(replace(BURST, release_utc=np.datetime64("2016-01-01", "ns")), FREQUENCY, FLEET, 1.0)
     with pytest.raises(InputError, match="a stop after the start"):
