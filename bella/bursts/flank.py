@@ -149,7 +149,8 @@ def _fitted(time: FloatArray, power: FloatArray, error: FloatArray, grid: Grid, 
     """Mean and standard deviation of the posterior; time from the first guess.
 
     The background has a flat prior, the amplitude one over itself: a flat one would prefer that a single sample has
-    caught the foot of a burst without bound.
+    caught the foot of a burst without bound. Where even the best curve misses by more than the errors of the samples,
+    these are widened to what it misses by.
     """
     weight = 1.0 / error**2
     relative = power - np.average(power, weights=weight)
@@ -158,8 +159,10 @@ def _fitted(time: FloatArray, power: FloatArray, error: FloatArray, grid: Grid, 
     explained = product**2 / spread
     if not explained.max() > 0:
         return no_edge(NO_FLANK)
-    if chdtrc(time.size - 2, (weight * relative**2).sum() - explained.max()) < MISFIT_PROBABILITY:
+    free, misfit = time.size - 2, float((weight * relative**2).sum() - explained.max())
+    if chdtrc(free, misfit) < MISFIT_PROBABILITY:
         return no_edge(FIT_FAILED)
+    explained /= max(1.0, misfit / free)
     with np.errstate(divide="ignore", invalid="ignore"):
         log = 0.5 * explained + np.where(product > 0, 0.5 * np.log(spread) - np.log(product), -np.inf)
     log += curves.log_prior[:, None]
