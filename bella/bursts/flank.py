@@ -24,7 +24,7 @@ from scipy.special import chdtrc
 
 from bella.bursts.edge import EDGES_DISAGREE, FIT_FAILED, GAP, NO_FLANK, NO_SAMPLES, NO_SIGNAL, SATURATED, Edge, no_edge
 from bella.bursts.first_maximum import first_maximum
-from bella.bursts.flank_shapes import Shapes, frequency_bin, shapes
+from bella.bursts.flank_shapes import Shapes, shapes, shared_frequency_mhz
 from bella.bursts.half_maximum import FLUX_SCATTER, GAP_CADENCES, LEVEL, half_maximum_edge, quiet_noise
 from bella.bursts.widths import rise_half_width_s
 from bella.units import FloatArray
@@ -93,7 +93,8 @@ class Grid(NamedTuple):
     """It ends so many steps after it."""
 
 
-def _grid(rise_s: float, cadence_s: float) -> Grid:
+def _grid(frequency_mhz: float, cadence_s: float) -> Grid:
+    rise_s = rise_half_width_s(frequency_mhz)
     step = max(rise_s / STEPS_PER_RISE, cadence_s / STEPS_PER_CADENCE)
     before = max(RISES_BEFORE * rise_s, FEWEST * cadence_s)
     after = max(RISES_AFTER * rise_s + cadence_s, CADENCES_AFTER * cadence_s)
@@ -103,7 +104,7 @@ def _grid(rise_s: float, cadence_s: float) -> Grid:
 def _curves(grid: Grid, frequency_mhz: float, integration_s: float) -> Shapes:
     first = -grid.before - grid.reach
     points = fft.next_fast_len(grid.after + grid.reach + 2 - first, real=True)
-    return shapes(frequency_bin(frequency_mhz), grid.step_s, first, points, integration_s)
+    return shapes(frequency_mhz, grid.step_s, first, points, integration_s)
 
 
 def _sample_error(power: FloatArray, scatter: float, peak: int) -> FloatArray:
@@ -208,7 +209,7 @@ def _channel_edge(channel: Channel) -> Edge:
         return no_edge(NO_SIGNAL)
     if _saturated(channel, peak, rise):
         return no_edge(SATURATED)
-    edge = _half_rise(channel, peak, straight.arrival_s, _grid(rise, channel.cadence_s))
+    edge = _half_rise(channel, peak, straight.arrival_s)
     if edge.flag:
         return edge
     edge = edge._replace(sigma_s=math.hypot(edge.sigma_s, SHAPE_SIGMA * rise))
@@ -229,8 +230,10 @@ def _saturated(channel: Channel, peak: int, rise_s: float) -> bool:
     return flat >= FLAT_SAMPLES and channel.time_s[peak + flat - 1] - channel.time_s[peak] >= FLAT_RISES * rise_s
 
 
-def _half_rise(channel: Channel, peak: int, guess_s: float, grid: Grid) -> Edge:
+def _half_rise(channel: Channel, peak: int, guess_s: float) -> Edge:
     """Fit of the background, the rise, and one sample after the maximum."""
+    shared_mhz = shared_frequency_mhz(channel.frequency_mhz)
+    grid = _grid(shared_mhz, channel.cadence_s)
     time, height = channel.time_s[: peak + 2] - guess_s, channel.power[: peak + 2] / channel.power[peak]
     error = _sample_error(height, channel.scatter, peak)
     inside = (time >= -grid.before * grid.step_s) & (time <= grid.after * grid.step_s)
@@ -239,7 +242,7 @@ def _half_rise(channel: Channel, peak: int, guess_s: float, grid: Grid) -> Edge:
     flank = time[1:] >= -FLANK_RISES * rise_half_width_s(channel.frequency_mhz)
     if np.diff(time)[flank].max() > GAP_CADENCES * channel.cadence_s:
         return no_edge(GAP)
-    curves = _curves(grid, channel.frequency_mhz, channel.integration_s)
+    curves = _curves(grid, shared_mhz, channel.integration_s)
     edge = _fitted(time[inside], height[inside], error[inside], grid, curves)
     return edge._replace(arrival_s=guess_s + edge.arrival_s)
 

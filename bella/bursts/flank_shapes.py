@@ -81,19 +81,19 @@ class Shapes(NamedTuple):
     """Shape (K,)."""
 
 
-def frequency_bin(frequency_mhz: float) -> int:
-    """Number of the bin of frequencies that share their curves."""
-    return round(float(np.log(frequency_mhz)) / FREQUENCY_STEP)
+def shared_frequency_mhz(frequency_mhz: float) -> float:
+    """Frequency whose curves a channel is fitted with, MHz: one for all channels near it, so that they are made once."""
+    return float(np.exp(round(float(np.log(frequency_mhz)) / FREQUENCY_STEP) * FREQUENCY_STEP))
 
 
 @lru_cache(maxsize=256)
-def shapes(bin_number: int, step_s: float, first: int, points: int, integration_s: float) -> Shapes:
-    """Curves for the channels of a frequency bin.
+def shapes(frequency_mhz: float, step_s: float, first: int, points: int, integration_s: float) -> Shapes:
+    """Curves of a frequency.
 
     Parameters
     ----------
-    bin_number : int
-        Of :func:`frequency_bin`.
+    frequency_mhz : float
+        MHz.
     step_s : float
         Spacing of the points, s.
     first, points : int
@@ -105,7 +105,6 @@ def shapes(bin_number: int, step_s: float, first: int, points: int, integration_
     -------
     Shapes
     """
-    frequency_mhz = float(np.exp(bin_number * FREQUENCY_STEP))
     time = step_s * (first + np.arange(points))
     rows, prior = [], []
     for of_rise in SPREADS:
