@@ -82,7 +82,7 @@ class Shapes(NamedTuple):
 
 
 def shared_frequency_mhz(frequency_mhz: float) -> float:
-    """Frequency whose curves a channel is fitted with, MHz: one for all channels near it, so that they are made once."""
+    """Frequency whose curves a channel is fitted with, MHz: one for all near it, so that they are made once."""
     return float(np.exp(round(float(np.log(frequency_mhz)) / FREQUENCY_STEP) * FREQUENCY_STEP))
 
 
