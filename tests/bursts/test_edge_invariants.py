@@ -15,7 +15,7 @@ from bella.simulation.burst import arrival_s
 from benchmarks.edges import Case, simulated
 
 RELEASE = np.datetime64("2012-06-07T19:20:00", "ns")
-BURST = SimulatedBurst(RELEASE, rise_factor=1.2, decay_factor=0.9, gamma_shape=1.5)
+BURST = SimulatedBurst(RELEASE, width_factor=1.2, decay_factor=0.75, gamma_shape=1.5)
 FREQUENCY_MHZ = np.geomspace(0.25, 3.0, 24)
 SECOND = np.timedelta64(1_000_000_000, "ns")
 

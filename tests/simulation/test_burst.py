@@ -79,7 +79,7 @@ def test_factors_change_the_light_curve_and_leave_the_half_rise_at_zero() -> Non
 
 def test_a_receiver_sees_the_factors_of_the_burst() -> None:
     start, stop = RELEASE, RELEASE + np.timedelta64(3600, "s")
-    slow = replace(BURST, rise_factor=1.5, decay_factor=2.0, gamma_shape=1.1)
+    slow = replace(BURST, width_factor=1.5, decay_factor=1.33, gamma_shape=1.1)
     seen = [observe(swept(), [burst], start, stop, np.random.default_rng(1)) for burst in (BURST, slow)]
     fluence = [float((10 ** (spectrum["intensity"] / 10) - 1).isel(frequency=30).sum()) for spectrum in seen]
 
