@@ -254,10 +254,10 @@ def reference_utc(frame: pd.DataFrame) -> np.datetime64:
     return np.datetime64(str(earliest), "ns")
 
 
-def arrival_grid(frame: pd.DataFrame, *, source: str = "arrival table") -> ArrivalGrid:
+def arrival_grid(
+    frame: pd.DataFrame, *, source: str = "arrival table", heard_by: int = MIN_OBSERVATORIES
+) -> ArrivalGrid:
     """Arrange a located arrival table on frequencies x observatories.
-
-    Frequencies heard by fewer than three observatories are left out.
 
     Parameters
     ----------
@@ -265,6 +265,8 @@ def arrival_grid(frame: pd.DataFrame, *, source: str = "arrival table") -> Arriv
         As :func:`locate_receivers` returns it.
     source : str
         What the table is called in error messages.
+    heard_by : int
+        Frequencies of fewer observatories are left out.
 
     Returns
     -------
@@ -289,10 +291,10 @@ def arrival_grid(frame: pd.DataFrame, *, source: str = "arrival table") -> Arriv
         str(frame["edge"].iloc[0]),
         **{name: np.nan_to_num(_spread(frame[name].to_numpy(), row, column, names)) for name in NUISANCE},
     )
-    enough = np.isfinite(grid.arrival_s).sum(axis=1) >= MIN_OBSERVATORIES
+    enough = np.isfinite(grid.arrival_s).sum(axis=1) >= heard_by
     if not enough.any():
         raise InputError(
-            f"{source}: no frequency has arrival times of {MIN_OBSERVATORIES} observatories; "
+            f"{source}: no frequency has arrival times of {heard_by} observatories; "
             "put the arrival times of all spacecraft on common frequencies"
         )
     return grid.take(enough)

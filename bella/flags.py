@@ -31,6 +31,15 @@ TRACK_FLAGS = {
     "too_few_positions": "Fewer than three positions, or all at one distance: no spiral was fitted.",
     "not_a_spiral": "The longitude does not fall with distance within the errors: no solar wind speed follows from "
     "this track.",
+    "too_few_frequencies": "Fewer than four frequencies, or no more arrival times than parameters: no joint spiral was "
+    "fitted.",
+    "v_sw_not_constrained": "The posterior of 1 / v_sw is wider than 0.9 of its prior: the speed of the wind is the "
+    "prior's.",
+    "phi0_not_constrained": "The posterior of the longitude at the Sun is wider than 0.9 of its prior.",
+    "several_tracks": "Separate spirals explain the arrival times; mean and standard deviation describe none of them.",
+    "poor_fit": "The best joint spiral misses the arrival times by more than their errors would give once in 10 000 "
+    "times: the model or an error is wrong, and the errors of the fit are too small.",
+    "poor_weights": "Less than 0.3 of the draws of the joint fit count: its numbers are rough.",
 }
 """Flags of a fit to the track of a burst."""
 

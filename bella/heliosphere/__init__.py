@@ -1,6 +1,6 @@
 """Physics of the heliosphere without data: Parker spiral, rotation of the Sun, travel of a beam, electron density."""
 
-from bella.heliosphere.beam import beam_travel_s, spiral_path_rsun, spiral_position_rsun
+from bella.heliosphere.beam import beam_travel_s, slowing_travel_s, spiral_path_rsun, spiral_position_rsun
 from bella.heliosphere.density import (
     DENSITY_MODELS,
     DensityModel,
@@ -29,6 +29,7 @@ __all__ = [
     "emission_range_rsun",
     "plasma_frequency_mhz",
     "projected_range_rsun",
+    "slowing_travel_s",
     "spiral_longitude_deg",
     "spiral_path_rsun",
     "spiral_position_rsun",

@@ -6,6 +6,8 @@ period is always an argument, and is stored with results.
 
 import math
 
+import numpy as np
+
 from bella.units import DAY_S, R_SUN_KM, FloatArray
 
 SIDEREAL_ROTATION_D = 25.38
@@ -45,7 +47,10 @@ def angular_speed_rad_s(rotation_period_d: float) -> float:
 
 
 def spiral_longitude_deg(
-    range_rsun: FloatArray, phi0_deg: float, v_sw_km_s: float, rotation_period_d: float = SIDEREAL_ROTATION_D
+    range_rsun: FloatArray,
+    phi0_deg: float | FloatArray,
+    v_sw_km_s: float | FloatArray,
+    rotation_period_d: float = SIDEREAL_ROTATION_D,
 ) -> FloatArray:
     """Longitude of a Parker spiral at a distance from the Sun.
 
@@ -53,21 +58,21 @@ def spiral_longitude_deg(
     ----------
     range_rsun : numpy.ndarray
         Heliocentric distance, solar radii, any shape.
-    phi0_deg : float
-        Longitude at 1 solar radius, degrees, positive to the west.
-    v_sw_km_s : float
-        Solar wind speed, km/s.
+    phi0_deg : float or numpy.ndarray
+        Longitude at 1 solar radius, degrees, positive to the west; a shape that goes with `range_rsun`.
+    v_sw_km_s : float or numpy.ndarray
+        Solar wind speed, km/s; a shape that goes with `range_rsun`.
     rotation_period_d : float
         Rotation period of the Sun, days.
 
     Returns
     -------
     numpy.ndarray
-        Degrees, positive to the west, not wrapped; the shape of `range_rsun`.
+        Degrees, positive to the west, not wrapped; the common shape.
 
     Notes
     -----
     Parker 1958, ApJ 128, 664, doi:10.1086/146579: constant radial speed, frozen-in field, far above the source surface.
     """
     winding_rad_rsun = angular_speed_rad_s(rotation_period_d) * R_SUN_KM / v_sw_km_s
-    return phi0_deg - math.degrees(winding_rad_rsun) * (range_rsun - SPIRAL_ORIGIN_RSUN)
+    return phi0_deg - np.degrees(winding_rad_rsun) * (range_rsun - SPIRAL_ORIGIN_RSUN)

@@ -1,0 +1,211 @@
+"""The result of a joint fit: its draws, what they say about each parameter, and how far to trust them."""
+
+import math
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from bella.flags import NOT_CONSTRAINED
+from bella.tracks.joint_model import TURN_DEG, JointModel, JointParameters
+from bella.units import FloatArray
+
+QUANTILES = {"q2_5": 0.025, "q16": 0.16, "q50": 0.5, "q84": 0.84, "q97_5": 0.975}
+RELEASE = "release_s"
+FAST_WIND_KM_S = 1500.0
+RADIAL_PROBABILITY = 0.05
+"""Of a wind above `FAST_WIND_KM_S`: the prior gives it 0.007."""
+SECOND_TRACK = 0.05
+MISFIT_PROBABILITY = 1e-4
+
+
+@dataclass(frozen=True)
+class ParameterSummary:
+    """What the posterior says about one parameter, in the unit of its name.
+
+    Attributes
+    ----------
+    mean, sd : float
+    q2_5, q16, q50, q84, q97_5 : float
+        Quantiles.
+    contraction : float
+        Width of the posterior over that of the prior, in the form in which the prior is Gaussian; 0 for a flat one.
+    """
+
+    mean: float
+    sd: float
+    q2_5: float
+    q16: float
+    q50: float
+    q84: float
+    q97_5: float
+    contraction: float
+
+
+@dataclass(frozen=True)
+class Quality:
+    """How well the posterior was sampled, and how well the model explains the arrival times.
+
+    Attributes
+    ----------
+    ess : float
+        Effective number of the draws before they were resampled.
+    ess_share : float
+        The same over their number.
+    log_evidence, log_evidence_se : float
+        Logarithm of the evidence, up to the constant of the flat prior of the release time, and its standard error.
+    misfit_p : float
+        Probability of a larger misfit of data and prior together, were the model true.
+    second_track : float
+        Probability of all maxima but the first.
+    """
+
+    ess: float
+    ess_share: float
+    log_evidence: float
+    log_evidence_se: float
+    misfit_p: float
+    second_track: float
+
+
+@dataclass(frozen=True)
+class JointFit:
+    """Posterior of a spiral, a beam and a density law, from the arrival times of a burst.
+
+    Attributes
+    ----------
+    model : JointModel
+    reference_utc : numpy.datetime64
+        What `release_s` counts from; also the epoch of the HEE axes.
+    draws : dict of str to ndarray, shape (N,)
+        Posterior draws of equal weight: `model.parameters` and ``release_s``. The longitude is not wrapped where the
+        posterior lies across +-180 degrees. Empty where nothing was fitted.
+    summary : dict of str to ParameterSummary
+        Of the same; empty where nothing was fitted.
+    quality : Quality or None
+        None where nothing was fitted.
+    flags : tuple of str
+        Names of `bella.flags.TRACK_FLAGS`.
+    """
+
+    model: JointModel
+    reference_utc: np.datetime64
+    draws: dict[str, FloatArray]
+    summary: dict[str, ParameterSummary]
+    quality: Quality | None
+    flags: tuple[str, ...]
+
+    @property
+    def parameters(self) -> JointParameters:
+        """The draws in the form the model takes."""
+        return JointParameters(
+            **{name: self.draws[name] for name in ("phi0_deg", "v_sw_km_s", "a_rsun", "b", "beam_speed_c")},
+            deceleration=self.draws.get("deceleration", np.zeros(self.draws["b"].size)),
+            b2=self.draws.get("b2", self.draws["b"]),
+        )
+
+
+def summarise(values: FloatArray, weight: FloatArray, contraction: float) -> ParameterSummary:
+    """Moments and quantiles of weighted draws.
+
+    Parameters
+    ----------
+    values, weight : ndarray, shape (N,)
+        The weights add up to one.
+    contraction : float
+
+    Returns
+    -------
+    ParameterSummary
+    """
+    order = np.argsort(values)
+    below = np.cumsum(weight[order]) - 0.5 * weight[order]
+    quantiles = np.interp(list(QUANTILES.values()), below, values[order])
+    mean = float(weight @ values)
+    sd = math.sqrt(float(weight @ (values - mean) ** 2))
+    return ParameterSummary(mean, sd, *(float(one) for one in quantiles), contraction)
+
+
+def beside_mean(longitude_deg: FloatArray, weight: FloatArray) -> FloatArray:
+    """Longitudes within half a turn of their mean direction, whose mean lies in (-180, 180].
+
+    Parameters
+    ----------
+    longitude_deg, weight : ndarray, shape (N,)
+
+    Returns
+    -------
+    ndarray, shape (N,)
+        Degrees.
+    """
+    direction = math.degrees(float(np.angle(weight @ np.exp(1j * np.radians(longitude_deg)))))
+    close = direction + (longitude_deg - direction + 180) % TURN_DEG - 180
+    mean = float(weight @ close)
+    return np.asarray(close - mean + 180 - (180 - mean) % TURN_DEG)
+
+
+def raised(summary: dict[str, ParameterSummary], quality: Quality, fast_wind: float, good_share: float) -> list[str]:
+    """Flags of a fit.
+
+    Parameters
+    ----------
+    summary : dict of str to ParameterSummary
+    quality : Quality
+    fast_wind : float
+        Probability of a wind above `FAST_WIND_KM_S`.
+    good_share : float
+        Share of effective draws that is good enough.
+
+    Returns
+    -------
+    list of str
+        Names of `bella.flags.TRACK_FLAGS`.
+    """
+    applies = {
+        "v_sw_not_constrained": summary["v_sw_km_s"].contraction > NOT_CONSTRAINED,
+        "phi0_not_constrained": summary["phi0_deg"].contraction > NOT_CONSTRAINED,
+        "not_a_spiral": fast_wind > RADIAL_PROBABILITY,
+        "several_tracks": quality.second_track > SECOND_TRACK,
+        "poor_fit": quality.misfit_p < MISFIT_PROBABILITY,
+        "poor_weights": quality.ess_share < good_share,
+    }
+    return [name for name, on in applies.items() if on]
+
+
+def joint_json(fit: JointFit) -> dict[str, Any]:
+    """Fit as it is stored and served.
+
+    Parameters
+    ----------
+    fit : JointFit
+
+    Returns
+    -------
+    dict
+        Ready for JSON: each parameter with mean, sd, quantiles and contraction, all None where nothing was fitted.
+        ``release_utc`` has times for numbers, and its sd in s.
+    """
+    names = (*fit.model.parameters, RELEASE)
+    empty = dict.fromkeys(ParameterSummary.__annotations__)
+    parameters = {name: vars(fit.summary[name]) if name in fit.summary else empty for name in names}
+    release = parameters.pop(RELEASE)
+    timed = {name: _stamp(fit, value) for name, value in release.items() if name not in {"sd", "contraction"}}
+    quality = fit.quality
+    return {
+        "model": fit.model.name,
+        **parameters,
+        "release_utc": {**release, **timed},
+        "rotation_period_d": fit.model.rotation_period_d,
+        "ess": quality and quality.ess,
+        "log_evidence": quality and quality.log_evidence,
+        "log_evidence_se": quality and quality.log_evidence_se,
+        "misfit_p": quality and quality.misfit_p,
+        "flags": list(fit.flags),
+    }
+
+
+def _stamp(fit: JointFit, seconds: float | None) -> str | None:
+    if seconds is None:
+        return None
+    moment = fit.reference_utc.astype("datetime64[ms]") + np.timedelta64(round(seconds * 1e3), "ms")
+    return f"{moment}Z"

@@ -1,0 +1,282 @@
+"""The joint model of a burst: a beam on a Parker spiral, and when each receiver hears each frequency.
+
+    t_ij = t_start + T(r_j) + |x_j - s_i| / c
+
+T is the travel of the beam from 1 solar radius along the spiral (Parker 1958, ApJ 128, 664, doi:10.1086/146579) to the
+distance r_j = a (f_j / 0.55 MHz)^b at which it emits f_j; x_j lies on the spiral in the ecliptic plane, s_i anywhere.
+Which harmonic is heard is absorbed in a: without a density from elsewhere it cannot be told.
+
+Parameters are handled as z, standard normal under the prior. The speed of the wind enters as 1 / v_sw, in which the
+longitude of the spiral is linear.
+"""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+from scipy.special import logsumexp, ndtr
+from scipy.stats import norm
+
+from bella.heliosphere import (
+    SIDEREAL_ROTATION_D,
+    beam_travel_s,
+    slowing_travel_s,
+    spiral_position_rsun,
+)
+from bella.units import C_RSUN_S, FloatArray
+
+PIVOT_MHZ = 0.55
+"""Frequency at which the distance is `a`."""
+PHI0 = 0
+"""Place of the longitude among the parameters."""
+TURN_DEG = 360.0
+FASTEST_WIND_KM_S = 4000.0
+"""No wind is faster: keeps 1 / v_sw positive, and the mean of v_sw finite."""
+NORMALISATION_DRAWS = 100_000
+
+
+@dataclass(frozen=True)
+class JointPriors:
+    """Priors of the joint model; each parameter is Gaussian as it is written here.
+
+    Attributes
+    ----------
+    phi0_deg, phi0_sd_deg : float
+        HEE longitude at 1 solar radius, wrapped on the circle, degrees.
+    v_sw_km_s, slowness_sd : float
+        Speed of the wind at the mean of 1 / v_sw, km/s, and the standard deviation of 1 / v_sw in units of that mean.
+    a_rsun, ln_a_sd : float
+        Distance at 0.55 MHz, solar radii, at the mean of ln a, and the standard deviation of ln a.
+    b, b_sd : float
+        Exponent of distance on frequency.
+    beam_speed_c, ln_beam_sd : float
+        Speed of the beam in units of c, at the mean of its logarithm, and the standard deviation of that.
+    deceleration_sd : float
+        Exponent of speed on distance: mean 0, and this standard deviation.
+    """
+
+    phi0_deg: float = 0.0
+    phi0_sd_deg: float = 60.0
+    v_sw_km_s: float = 400.0
+    slowness_sd: float = 0.3
+    a_rsun: float = 40.0
+    ln_a_sd: float = 0.7
+    b: float = -1.0
+    b_sd: float = 0.15
+    beam_speed_c: float = 0.15
+    ln_beam_sd: float = 0.5
+    deceleration_sd: float = 0.3
+
+
+@dataclass(frozen=True)
+class JointParameters:
+    """Parameters in natural units, each of shape (N,).
+
+    Attributes
+    ----------
+    phi0_deg, v_sw_km_s, a_rsun, b, beam_speed_c : ndarray
+        As in `JointPriors`.
+    deceleration : ndarray
+        Exponent d of v(r) = v(1) r^-d; `beam_speed_c` is then the speed at 1 solar radius.
+    b2 : ndarray
+        Exponent of distance on frequency below the break.
+    """
+
+    phi0_deg: FloatArray
+    v_sw_km_s: FloatArray
+    a_rsun: FloatArray
+    b: FloatArray
+    beam_speed_c: FloatArray
+    deceleration: FloatArray
+    b2: FloatArray
+
+
+@dataclass(frozen=True)
+class JointModel:
+    """What a joint fit assumes.
+
+    Attributes
+    ----------
+    priors : JointPriors
+    rotation_period_d : float
+        Rotation period of the Sun, days; v_sw is proportional to its inverse.
+    deceleration : bool
+        The speed of the beam falls as a power of the distance.
+    two_slope : bool
+        Below `break_mhz` the distance follows another power of the frequency.
+    break_mhz : float
+    """
+
+    priors: JointPriors = JointPriors()
+    rotation_period_d: float = SIDEREAL_ROTATION_D
+    deceleration: bool = False
+    two_slope: bool = False
+    break_mhz: float = PIVOT_MHZ
+
+    @property
+    def name(self) -> str:
+        """The model in words, to be stored with every fit."""
+        extra = [word for word, on in (("slowing beam", self.deceleration), ("two slopes", self.two_slope)) if on]
+        return ", ".join(["joint spiral", *extra])
+
+    @property
+    def parameters(self) -> tuple[str, ...]:
+        """Names of the parameters, in the order of z."""
+        extra = [name for name, on in (("deceleration", self.deceleration), ("b2", self.two_slope)) if on]
+        return ("phi0_deg", "v_sw_km_s", "a_rsun", "b", "beam_speed_c", *extra)
+
+    @property
+    def turn(self) -> float:
+        """One turn of the longitude in units of its prior standard deviation."""
+        return TURN_DEG / self.priors.phi0_sd_deg
+
+    def natural(self, z: FloatArray) -> JointParameters:
+        """Turn standard normal parameters into those of the field.
+
+        Parameters
+        ----------
+        z : ndarray, shape (N, P)
+            In the order of `parameters`; outside the limits of wind and beam they are moved to the limit.
+
+        Returns
+        -------
+        JointParameters
+        """
+        p = self.priors
+        b = p.b + p.b_sd * z[:, 3]
+        return JointParameters(
+            phi0_deg=p.phi0_deg + p.phi0_sd_deg * z[:, PHI0],
+            v_sw_km_s=1 / np.maximum((1 + p.slowness_sd * z[:, 1]) / p.v_sw_km_s, 1 / FASTEST_WIND_KM_S),
+            a_rsun=p.a_rsun * np.exp(p.ln_a_sd * z[:, 2]),
+            b=b,
+            beam_speed_c=np.minimum(p.beam_speed_c * np.exp(p.ln_beam_sd * z[:, 4]), 1.0),
+            deceleration=p.deceleration_sd * z[:, 5] if self.deceleration else np.zeros_like(b),
+            b2=p.b + p.b_sd * z[:, -1] if self.two_slope else b,
+        )
+
+    def range_rsun(self, parameters: JointParameters, frequency_mhz: FloatArray) -> FloatArray:
+        """Distance from the Sun at which each frequency is emitted.
+
+        Parameters
+        ----------
+        parameters : JointParameters
+        frequency_mhz : ndarray, shape (F,)
+
+        Returns
+        -------
+        ndarray, shape (N, F)
+            Solar radii.
+        """
+        log_frequency, log_break = np.log(frequency_mhz / PIVOT_MHZ), math.log(self.break_mhz / PIVOT_MHZ)
+        exponent = parameters.b[:, None] * log_frequency
+        if self.two_slope:
+            exponent += (parameters.b2 - parameters.b)[:, None] * np.minimum(log_frequency - log_break, 0.0)
+        return np.asarray(parameters.a_rsun[:, None] * np.exp(exponent))
+
+    def position_rsun(self, parameters: JointParameters, range_rsun: FloatArray) -> FloatArray:
+        """Positions on the spirals.
+
+        Parameters
+        ----------
+        parameters : JointParameters
+        range_rsun : ndarray, shape (N, F)
+            Solar radii.
+
+        Returns
+        -------
+        ndarray, shape (N, F, 3)
+            HEE, solar radii.
+        """
+        phi0_deg, v_sw_km_s = parameters.phi0_deg[:, None], parameters.v_sw_km_s[:, None]
+        return spiral_position_rsun(range_rsun, phi0_deg, v_sw_km_s, self.rotation_period_d)
+
+    def delay_s(self, z: FloatArray, frequency_mhz: FloatArray, receiver_rsun: FloatArray) -> FloatArray:
+        """Time from the release of the beam to the arrival at each receiver.
+
+        Parameters
+        ----------
+        z : ndarray, shape (N, P)
+        frequency_mhz : ndarray, shape (F,)
+        receiver_rsun : ndarray, shape (F, n, 3)
+            HEE, solar radii.
+
+        Returns
+        -------
+        ndarray, shape (N, F, n)
+            s.
+        """
+        parameters = self.natural(z)
+        range_rsun = self.range_rsun(parameters, frequency_mhz)
+        source = self.position_rsun(parameters, range_rsun)
+        squared = (receiver_rsun**2).sum(axis=-1) + (range_rsun**2)[..., None]
+        for axis in range(2):
+            squared -= 2 * source[..., axis, None] * receiver_rsun[..., axis]
+        light_s = np.sqrt(np.maximum(squared, 0.0, out=squared), out=squared) / C_RSUN_S
+        return np.asarray(self._travel_s(parameters, range_rsun)[..., None] + light_s)
+
+    def _travel_s(self, parameters: JointParameters, range_rsun: FloatArray) -> FloatArray:
+        speed_c, v_sw_km_s = parameters.beam_speed_c[:, None], parameters.v_sw_km_s[:, None]
+        if not self.deceleration:
+            return beam_travel_s(range_rsun, speed_c, v_sw_km_s, self.rotation_period_d)
+        slowing = parameters.deceleration[:, None]
+        return slowing_travel_s(range_rsun, speed_c, slowing, v_sw_km_s, self.rotation_period_d)
+
+    def allowed(self, z: FloatArray, frequency_mhz: FloatArray) -> npt.NDArray[np.bool_]:
+        """Whether the wind is one and the beam is slower than light at every frequency.
+
+        Parameters
+        ----------
+        z : ndarray, shape (N, P)
+        frequency_mhz : ndarray, shape (F,)
+
+        Returns
+        -------
+        ndarray of bool, shape (N,)
+        """
+        p = self.priors
+        ln_speed = math.log(p.beam_speed_c) + p.ln_beam_sd * z[:, 4]
+        wind = 1 + p.slowness_sd * z[:, 1] > p.v_sw_km_s / FASTEST_WIND_KM_S
+        if not self.deceleration:
+            return np.asarray(wind & (ln_speed < 0))
+        farthest = self.range_rsun(self.natural(z), frequency_mhz[:1])[:, 0]
+        return np.asarray(wind & (ln_speed < 0) & (ln_speed < p.deceleration_sd * z[:, 5] * np.log(farthest)))
+
+    def log_prior(self, z: FloatArray, frequency_mhz: FloatArray) -> FloatArray:
+        """Logarithm of the prior density of z, the longitude on a circle.
+
+        Parameters
+        ----------
+        z : ndarray, shape (N, P)
+            The first, the longitude, within half a turn of the centre of its prior.
+        frequency_mhz : ndarray, shape (F,)
+            Ascending.
+
+        Returns
+        -------
+        ndarray, shape (N,)
+            Minus infinity outside the limits.
+        """
+        around = norm.logpdf(z[:, PHI0, None] + self.turn * np.arange(-1, 2))
+        log_density = logsumexp(around, axis=1) + norm.logpdf(z[:, 1:]).sum(axis=1)
+        share = math.log(self.share_allowed(frequency_mhz))
+        return np.asarray(np.where(self.allowed(z, frequency_mhz), log_density - share, -np.inf))
+
+    def share_allowed(self, frequency_mhz: FloatArray) -> float:
+        """Share of the Gaussian priors that lies within the limits of wind and beam.
+
+        Parameters
+        ----------
+        frequency_mhz : ndarray, shape (F,)
+            Ascending.
+
+        Returns
+        -------
+        float
+        """
+        if self.deceleration:
+            z = np.random.default_rng(0).standard_normal((NORMALISATION_DRAWS, len(self.parameters)))
+            return float(self.allowed(z, frequency_mhz).mean())
+        p = self.priors
+        wind = ndtr((1 - p.v_sw_km_s / FASTEST_WIND_KM_S) / p.slowness_sd)
+        return float(wind * ndtr(-math.log(p.beam_speed_c) / p.ln_beam_sd))

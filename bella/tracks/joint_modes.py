@@ -1,0 +1,136 @@
+"""Maxima of the joint posterior, and the Gaussian that stands for each.
+
+The posterior can have several: the near and the far side of the Sun, as seen from the receivers, can explain the same
+delays. All starts climb together, by the Gauss-Newton method damped after Marquardt (1963, J. SIAM 11, 431,
+doi:10.1137/0111030), with the Jacobian from finite differences in one call.
+"""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from bella.tracks.joint_likelihood import TimedChannels, residual_s
+from bella.tracks.joint_model import PHI0, JointModel
+from bella.units import FloatArray
+
+STARTS_DEG = (-150.0, -100.0, -50.0, 0.0, 50.0, 100.0, 150.0, 180.0)
+"""Longitudes to start from, relative to the centre of their prior."""
+START_LN_A = (-0.8, 0.8)
+"""Distances to start from, in prior standard deviations of ln a."""
+STEPS = 60
+DIFFERENCE = 1e-4
+CONVERGED = 1e-5
+SAME_MODE = 1.0
+"""Maxima closer than this, in standard deviations of the higher one, are one."""
+NEGLIGIBLE_NATS = 12.0
+MOST_MODES = 4
+
+
+@dataclass(frozen=True)
+class Modes:
+    """Maxima of the joint posterior, the one of the largest evidence first.
+
+    Attributes
+    ----------
+    z : ndarray, shape (M, P)
+        Where they are.
+    covariance : ndarray, shape (M, P, P)
+        Inverse of the curvature.
+    weight : ndarray, shape (M,)
+        Share of each in the posterior, by the approximation of Laplace.
+    misfit : float
+        Squared residuals of data and prior at the highest one.
+    """
+
+    z: FloatArray
+    covariance: FloatArray
+    weight: FloatArray
+    misfit: float
+
+
+def find_modes(model: JointModel, channels: TimedChannels) -> Modes:
+    """Climb from several longitudes and distances to the maxima of the joint posterior.
+
+    Parameters
+    ----------
+    model : JointModel
+    channels : TimedChannels
+
+    Returns
+    -------
+    Modes
+    """
+    z, cost = _climb(model, channels, _starts(model))
+    curvature = _slope_and_curvature(model, channels, z)[1]
+    log_evidence = -cost - 0.5 * np.linalg.slogdet(curvature)[1]
+    kept = _distinct(model, z, curvature, log_evidence)
+    weight = np.exp(log_evidence[kept] - log_evidence[kept[0]])
+    return Modes(z[kept], np.linalg.inv(curvature[kept]), weight / weight.sum(), 2 * float(cost.min()))
+
+
+def wrapped(model: JointModel, z: FloatArray) -> FloatArray:
+    """Bring longitudes to within half a turn of zero.
+
+    Parameters
+    ----------
+    model : JointModel
+    z : ndarray, shape (..., P)
+
+    Returns
+    -------
+    ndarray, shape (..., P)
+        A copy.
+    """
+    inside = z.copy()
+    inside[..., PHI0] -= model.turn * np.round(z[..., PHI0] / model.turn)
+    return inside
+
+
+def _starts(model: JointModel) -> FloatArray:
+    starts = np.zeros((len(START_LN_A), len(STARTS_DEG), len(model.parameters)))
+    starts[..., PHI0] = np.array(STARTS_DEG) / model.priors.phi0_sd_deg
+    starts[..., 2] = np.array(START_LN_A)[:, None]
+    return starts.reshape(-1, len(model.parameters))
+
+
+def _climb(model: JointModel, channels: TimedChannels, z: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Where each start ends, (S, P), and minus the log posterior there up to a constant, (S,)."""
+    cost, damping = _cost(model, channels, z), np.full(len(z), 1e-2)
+    for _ in range(STEPS):
+        slope, curvature = _slope_and_curvature(model, channels, z)
+        damped = curvature + damping[:, None, None] * np.eye(z.shape[1]) * np.einsum("spp->sp", curvature)[:, None]
+        step = -np.linalg.solve(damped, slope[..., None])[..., 0]
+        trial_cost = _cost(model, channels, z + step)
+        better = trial_cost < cost
+        z, cost = np.where(better[:, None], z + step, z), np.where(better, trial_cost, cost)
+        damping = np.clip(np.where(better, damping / 6, damping * 4), 1e-9, 1e9)
+        if (np.abs(step).max(axis=1) < CONVERGED).all():
+            break
+    return wrapped(model, z), cost
+
+
+def _cost(model: JointModel, channels: TimedChannels, z: FloatArray) -> FloatArray:
+    return np.asarray(0.5 * (channels.misfit(residual_s(model, channels, z))[0] + (z**2).sum(axis=1)))
+
+
+def _slope_and_curvature(model: JointModel, channels: TimedChannels, z: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Gradient (S, P) and Gauss-Newton curvature (S, P, P) of minus the log posterior."""
+    starts, number = z.shape
+    beside = np.concatenate([z[:, None], z[:, None] + DIFFERENCE * np.eye(number)], axis=1)
+    residual = residual_s(model, channels, beside.reshape(-1, number)).reshape(starts, number + 1, -1)
+    jacobian = (residual[:, 1:] - residual[:, :1]) / DIFFERENCE
+    weighed = channels.weigh(jacobian.reshape(starts, number, *channels.precision.shape)).reshape(jacobian.shape)
+    slope = (weighed @ residual[:, 0, :, None])[..., 0] + z
+    return slope, weighed @ jacobian.transpose(0, 2, 1) + np.eye(number)
+
+
+def _distinct(model: JointModel, z: FloatArray, curvature: FloatArray, log_evidence: FloatArray) -> list[int]:
+    """Places of the maxima that differ and matter, the largest evidence first."""
+    kept: list[int] = []
+    order = np.argsort(-log_evidence)
+    for one in order[log_evidence[order] > log_evidence[order[0]] - NEGLIGIBLE_NATS]:
+        away = [wrapped(model, z[one] - z[other]) for other in kept]
+        if all(math.sqrt(d @ curvature[other] @ d) > SAME_MODE for d, other in zip(away, kept, strict=True)):
+            kept.append(int(one))
+    return kept[:MOST_MODES]
