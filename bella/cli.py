@@ -27,6 +27,8 @@ from bella.cli_fetch import EPILOG as FETCH_EPILOG
 from bella.cli_fetch import fetch
 from bella.cli_simulate import EPILOG as SIMULATE_EPILOG
 from bella.cli_simulate import simulate
+from bella.cli_fit_track import EPILOG as FIT_TRACK_EPILOG
+from bella.cli_fit_track import fit_track
 from bella.cli_spectra import EPILOG as FORMATS_EPILOG
 from bella.cli_spectra import formats
 from bella.exceptions import BellaError, InputError
@@ -48,6 +50,7 @@ app = typer.Typer(
 catalogue_app = typer.Typer(help="Look into the catalogue of bursts.", no_args_is_help=True)
 app.add_typer(catalogue_app, name="catalogue")
 
+app.command("fit-track", epilog=FIT_TRACK_EPILOG)(fit_track)
 app.command(epilog=COVERAGE_EPILOG)(coverage)
 app.command(epilog=CALIBRATE_EPILOG)(calibrate)
 app.command(epilog=EPHEMERIS_EPILOG)(ephemeris)

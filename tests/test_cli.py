@@ -18,6 +18,7 @@ MAKEFILE = Path(__file__).parents[1] / "Makefile"
 COMMANDS = [
     ["run"],
     ["localise"],
+    ["fit-track"],
     ["coverage"],
     ["calibrate"],
     ["ephemeris"],

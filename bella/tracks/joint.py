@@ -25,7 +25,7 @@ from bella.tracks.joint_fit import (
 from bella.tracks.joint_likelihood import TimedChannels, timed_channels
 from bella.tracks.joint_model import PHI0, JointModel
 from bella.tracks.joint_modes import Modes, find_modes
-from bella.tracks.joint_posterior import GOOD_SHARE, Proposal, WeightedDraws, component_weights, sample_posterior
+from bella.tracks.joint_posterior import GOOD_SHARE, WeightedDraws, component_weights, sample_posterior
 from bella.units import FloatArray
 
 MIN_FREQUENCIES = 4

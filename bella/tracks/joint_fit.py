@@ -123,7 +123,8 @@ def summarise(values: FloatArray, weight: FloatArray, contraction: float) -> Par
     quantiles = np.interp(list(QUANTILES.values()), below, values[order])
     mean = float(weight @ values)
     sd = math.sqrt(float(weight @ (values - mean) ** 2))
-    return ParameterSummary(mean, sd, *(float(one) for one in quantiles), contraction)
+    named = dict(zip(QUANTILES, quantiles.tolist(), strict=True))
+    return ParameterSummary(mean=mean, sd=sd, contraction=contraction, **named)
 
 
 def beside_mean(longitude_deg: FloatArray, weight: FloatArray) -> FloatArray:

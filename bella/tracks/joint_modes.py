@@ -66,7 +66,12 @@ def find_modes(model: JointModel, channels: TimedChannels) -> Modes:
     log_evidence = -cost - 0.5 * np.linalg.slogdet(curvature)[1]
     kept = _distinct(model, z, curvature, log_evidence)
     weight = np.exp(log_evidence[kept] - log_evidence[kept[0]])
-    return Modes(z[kept], np.linalg.inv(curvature[kept]), weight / weight.sum(), 2 * float(cost.min()))
+    return Modes(
+        z[kept],
+        np.asarray(np.linalg.inv(curvature[kept]), dtype=np.float64),
+        weight / weight.sum(),
+        2 * float(cost.min()),
+    )
 
 
 def wrapped(model: JointModel, z: FloatArray) -> FloatArray:

@@ -1,0 +1,179 @@
+"""The command ``bella fit-track``: the spiral behind a burst, from its arrival times."""
+
+import json
+import math
+import os
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+from rich.box import SIMPLE_HEAD
+from rich.console import Console
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
+from rich.table import Table
+
+from bella.cli_ephemeris import know_updates
+from bella.exceptions import InputError
+
+if TYPE_CHECKING:
+    from bella.tracks import JointModel
+
+out, err = Console(), Console(stderr=True)
+
+EPILOG = "Example: bella fit-track arrivals.csv --output track.json"
+SHOWN = {
+    "phi0_deg": ("longitude at 1 R_sun, deg", 1),
+    "v_sw_km_s": ("solar wind, km/s", 0),
+    "beam_speed_c": ("beam, c", 3),
+    "a_rsun": ("distance at 0.55 MHz, R_sun", 1),
+    "b": ("exponent of distance on frequency", 3),
+    "b2": ("the same below the break", 3),
+    "deceleration": ("exponent of the slowing", 3),
+}
+"""Name and decimals of each parameter of the table."""
+
+
+def fit_track(  # noqa: PLR0913, PLR0917 - one argument per option
+    arrivals: Annotated[Path, typer.Argument(help="Arrival table, CSV.")],
+    output: Annotated[Path, typer.Option(help="Fit to write, JSON.")],
+    preset: Annotated[
+        str, typer.Option(help="Timing errors of both fits, priors of the two-step positions: default, paper, ...")
+    ] = "default",
+    phi0_prior: Annotated[
+        str, typer.Option(help="Centre and standard deviation of the prior of the longitude at the Sun, degrees HEE.")
+    ] = "0,60",
+    common_sigma: Annotated[
+        float | None,
+        typer.Option(help="Timing offset all channels of a spacecraft share, s.", show_default="offset_sd_s of table"),
+    ] = None,
+    rotation: Annotated[float, typer.Option(help="Rotation period of the Sun, days.")] = 25.38,
+    slowing_beam: Annotated[bool, typer.Option("--slowing-beam", help="Let the beam slow down.")] = False,
+    two_slope: Annotated[
+        bool, typer.Option("--two-slope", help="Let the distance follow another power below 0.55 MHz.")
+    ] = False,
+    compare: Annotated[bool, typer.Option("--compare", help="Weigh all variants of the model.")] = False,
+    as_json: Annotated[bool, typer.Option("--json", help="Print JSON instead of a table.")] = False,
+) -> None:
+    """Fit spiral, wind and beam of a burst to its arrival times."""
+    from bella.arrivals import read_arrivals
+    from bella.tracks import TrackRecipe
+    from bella.tracks import fit_track as fit
+
+    _check_output(output)
+    model = _model(phi0_prior, rotation, slowing_beam, two_slope)
+    if common_sigma is not None and not 0 <= common_sigma < math.inf:
+        raise InputError(f"--common-sigma {common_sigma} is not 0 or more; give seconds")
+    know_updates()
+    table = read_arrivals(arrivals)
+    recipe = TrackRecipe(model, preset, common_sigma, _variants(model) if compare else ())
+    with _progress(table["frequency_mhz"].nunique()) as advance:
+        track = fit(table, recipe, advance)
+    text = json.dumps(track, indent=2, allow_nan=False) + "\n"
+    _write_whole(output, text)
+    if as_json:
+        out.print_json(text)
+        return
+    _print_fit(track)
+    out.print(f"Fit    {output}", soft_wrap=True, highlight=False)
+
+
+def _check_output(output: Path) -> None:
+    if not output.parent.is_dir():
+        raise InputError(f"folder {output.parent} does not exist; make it or name another --output")
+    if output.is_dir():
+        raise InputError(f"{output} is a folder; name a file with --output")
+
+
+def _model(phi0_prior: str, rotation: float, slowing_beam: bool, two_slope: bool) -> "JointModel":
+    from bella.tracks import JointModel, JointPriors
+
+    if not 1 <= rotation <= 100:
+        raise InputError(f"--rotation {rotation:g} is not between 1 and 100 days; the sidereal period is 25.38")
+    centre, sd = _centre_and_sd(phi0_prior)
+    priors = JointPriors(phi0_deg=centre, phi0_sd_deg=sd)
+    return JointModel(priors, rotation, deceleration=slowing_beam, two_slope=two_slope)
+
+
+def _centre_and_sd(text: str) -> tuple[float, float]:
+    try:
+        centre, sd = (float(part) for part in text.split(","))
+    except ValueError as error:
+        raise InputError(f"--phi0-prior {text}: not two numbers; write 0,60") from error
+    if not (abs(centre) <= 360 and 1 <= sd <= 180):
+        raise InputError(f"--phi0-prior {text}: give a centre within 360 degrees and a deviation between 1 and 180")
+    return centre, sd
+
+
+def _variants(model: "JointModel") -> list["JointModel"]:
+    """All variants of a model but itself."""
+    from dataclasses import replace
+
+    variants = [replace(model, deceleration=slow, two_slope=two) for slow in (False, True) for two in (False, True)]
+    return [one for one in variants if one != model]
+
+
+def _print_fit(track: dict[str, Any]) -> None:
+    joint, line = track["joint"], track["two_step"]
+    table = Table(title=f"Track of the burst, {joint['model']}", title_justify="left", box=SIMPLE_HEAD, pad_edge=False)
+    for name in ("", "joint", "95 %", "contraction", "two-step"):
+        table.add_column(name, justify="left" if not name else "right")
+    for name, (label, decimals) in SHOWN.items():
+        if name in joint:
+            table.add_row(label, *_cells(joint[name], decimals), _pair(line.get(name, {}), decimals))
+    table.add_row("release of the beam, UTC", *_release_cells(joint["release_utc"]), "")
+    out.print(table)
+    for which, flags in (("joint", joint["flags"]), ("two-step", line["flags"])):
+        out.print(f"Flags  {which}: {', '.join(flags) or 'none'}", soft_wrap=True, highlight=False)
+    for one in track.get("models", []):
+        out.print(f"Model  {one['model']}: probability {one['probability']:.3f}", soft_wrap=True, highlight=False)
+
+
+def _cells(parameter: dict[str, float | None], decimals: int) -> tuple[str, str, str]:
+    low, high, contraction = (parameter[name] for name in ("q2_5", "q97_5", "contraction"))
+    if low is None or high is None or contraction is None:
+        return "-", "-", "-"
+    return _pair(parameter, decimals), f"{low:.{decimals}f} to {high:.{decimals}f}", f"{contraction:.2f}"
+
+
+def _pair(parameter: dict[str, float | None], decimals: int) -> str:
+    mean, sd = parameter.get("mean"), parameter.get("sd")
+    return "-" if mean is None or sd is None else f"{mean:.{decimals}f} ± {sd:.{decimals}f}"
+
+
+def _release_cells(release: dict[str, Any]) -> tuple[str, str, str]:
+    if release["mean"] is None:
+        return "-", "-", "-"
+    clock = {name: release[name][11:19] for name in ("mean", "q2_5", "q97_5")}
+    return f"{clock['mean']} ± {release['sd']:.0f} s", f"{clock['q2_5']} to {clock['q97_5']}", ""
+
+
+def _write_whole(path: Path, text: str) -> None:
+    """Write beside the target, then rename: the file is there whole or not at all."""
+    partial = path.with_name(f".{path.name}.{os.getpid()}")
+    try:
+        partial.write_text(text, encoding="utf-8")
+        partial.replace(path)
+    except OSError as error:
+        raise InputError(f"{path} cannot be written ({error.strerror or error}); name another file") from error
+    finally:
+        partial.unlink(missing_ok=True)
+
+
+@contextmanager
+def _progress(total: int) -> Iterator[Callable[[int], None]]:
+    columns = (TextColumn("{task.description:<28}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn())
+    bar = Progress(*columns, console=err)
+    task = bar.add_task("positions", total=total)
+
+    def _advance(frequencies: int) -> None:
+        bar.start()
+        bar.advance(task, frequencies)
+
+    try:
+        yield _advance
+    finally:
+        # nothing is drawn before the first step, so that bad input is answered by one line alone
+        if bar.live.is_started:
+            bar.stop()
