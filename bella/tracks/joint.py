@@ -25,7 +25,7 @@ from bella.tracks.joint_fit import (
 from bella.tracks.joint_likelihood import TimedChannels, timed_channels
 from bella.tracks.joint_model import PHI0, JointModel
 from bella.tracks.joint_modes import Modes, find_modes
-from bella.tracks.joint_posterior import GOOD_SHARE, WeightedDraws, component_weights, sample_posterior
+from bella.tracks.joint_posterior import GOOD_SHARE, WeightedDraws, mode_weights, sample_posterior
 from bella.units import FloatArray
 
 MIN_FREQUENCIES = 4
@@ -91,7 +91,7 @@ def fit_joint(
     sampled, proposal = sample_posterior(chosen, channels, modes, draws, rng)
     values = _values(chosen, sampled, rng.standard_normal(draws) / np.sqrt(channels.release_precision))
     summary = _summary(chosen, sampled, values)
-    quality = _quality(sampled, channels, modes, component_weights(chosen, proposal, sampled))
+    quality = _quality(sampled, channels, modes, mode_weights(chosen, proposal, sampled))
     fast_wind = float(sampled.weight[values["v_sw_km_s"] > FAST_WIND_KM_S].sum())
     taken = _resampled(sampled.weight, rng)
     equal = {name: value[taken] for name, value in values.items()}

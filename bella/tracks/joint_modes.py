@@ -16,9 +16,11 @@ from bella.units import FloatArray
 
 STARTS_DEG = (-150.0, -100.0, -50.0, 0.0, 50.0, 100.0, 150.0, 180.0)
 """Longitudes to start from, relative to the centre of their prior."""
-START_LN_A = (-0.8, 0.8)
+START_LN_A = (-0.8, 0.8, 2.5)
 """Distances to start from, in prior standard deviations of ln a."""
 STEPS = 60
+LONGEST_STEP, FARTHEST = 1.0, 8.0
+"""Limits of a step and of the place it leads to, in prior standard deviations: far out nothing can be computed."""
 DIFFERENCE = 1e-4
 CONVERGED = 1e-5
 SAME_MODE = 1.0
@@ -66,12 +68,13 @@ def find_modes(model: JointModel, channels: TimedChannels) -> Modes:
     log_evidence = -cost - 0.5 * np.linalg.slogdet(curvature)[1]
     kept = _distinct(model, z, curvature, log_evidence)
     weight = np.exp(log_evidence[kept] - log_evidence[kept[0]])
-    return Modes(
-        z[kept],
-        np.asarray(np.linalg.inv(curvature[kept]), dtype=np.float64),
-        weight / weight.sum(),
-        2 * float(cost.min()),
-    )
+    return Modes(z[kept], _inverse(curvature[kept]), weight / weight.sum(), 2 * float(cost.min()))
+
+
+def _inverse(curvature: FloatArray) -> FloatArray:
+    """Inverse curvature, (M, P, P), which no rounding makes wider than the prior."""
+    value, axes = np.linalg.eigh(curvature)
+    return np.asarray(axes / np.maximum(value, 1.0)[:, None] @ axes.transpose(0, 2, 1))
 
 
 def wrapped(model: JointModel, z: FloatArray) -> FloatArray:
@@ -106,9 +109,10 @@ def _climb(model: JointModel, channels: TimedChannels, z: FloatArray) -> tuple[F
         slope, curvature = _slope_and_curvature(model, channels, z)
         damped = curvature + damping[:, None, None] * np.eye(z.shape[1]) * np.einsum("spp->sp", curvature)[:, None]
         step = -np.linalg.solve(damped, slope[..., None])[..., 0]
-        trial_cost = _cost(model, channels, z + step)
+        trial = np.clip(z + np.clip(step, -LONGEST_STEP, LONGEST_STEP), -FARTHEST, FARTHEST)
+        trial_cost = _cost(model, channels, trial)
         better = trial_cost < cost
-        z, cost = np.where(better[:, None], z + step, z), np.where(better, trial_cost, cost)
+        z, cost = np.where(better[:, None], trial, z), np.where(better, trial_cost, cost)
         damping = np.clip(np.where(better, damping / 6, damping * 4), 1e-9, 1e9)
         if (np.abs(step).max(axis=1) < CONVERGED).all():
             break

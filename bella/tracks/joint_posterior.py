@@ -9,6 +9,7 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
+import numpy.typing as npt
 from scipy.special import gammaln, logsumexp
 
 from bella.tracks.joint_likelihood import TimedChannels, log_likelihood
@@ -19,8 +20,14 @@ from bella.units import FloatArray
 FREEDOM = 8.0
 """Degrees of freedom of Student's t."""
 GOOD_SHARE = 0.3
-"""Effective draws of all: below this the proposal is adapted."""
-ADAPTATIONS = 3
+"""Effective draws of all: below this they are too few."""
+ADAPTED_SHARE = 0.5
+"""Below this the proposal is adapted."""
+ADAPTATIONS = 5
+EXPECTATIONS = 3
+"""Rounds of responsibilities and moments per adaptation."""
+SPLIT_STEPS = (-1.2, 0.0, 1.2)
+"""Places of the parts of a component, in standard deviations along its longest axis."""
 LEAST_WEIGHT = 0.02
 """Share of the draws that any component gets."""
 CAUTION = 10.0
@@ -36,11 +43,14 @@ class Proposal:
     mean : ndarray, shape (M, P)
     scale : ndarray, shape (M, P, P)
     weight : ndarray, shape (M,)
+    mode : ndarray of int, shape (M,)
+        The maximum that each belongs to.
     """
 
     mean: FloatArray
     scale: FloatArray
     weight: FloatArray
+    mode: npt.NDArray[np.intp]
 
 
 @dataclass(frozen=True)
@@ -87,34 +97,33 @@ def sample_posterior(
     tuple of WeightedDraws and Proposal
         The draws, and what they were drawn from.
     """
-    proposal = Proposal(modes.z, modes.covariance, _floored(modes.weight))
-    best = _weigh(model, channels, proposal, draws, rng)
+    proposal = Proposal(modes.z, modes.covariance, _floored(modes.weight), np.arange(len(modes.z)))
+    latest = best = _weigh(model, channels, proposal, draws, rng)
     chosen = proposal
-    for _ in range(ADAPTATIONS):
-        if best.effective_share >= GOOD_SHARE:
+    for adaptation in range(ADAPTATIONS):
+        if best.effective_share >= ADAPTED_SHARE:
             break
-        proposal = _refit(model, chosen, best)
-        again = _weigh(model, channels, proposal, draws, rng)
-        if again.effective_share > best.effective_share:
-            best, chosen = again, proposal
+        proposal = _refit(model, proposal, latest) if adaptation else _split(_refit(model, proposal, latest))
+        latest = _weigh(model, channels, proposal, draws, rng)
+        if latest.effective_share > best.effective_share:
+            best, chosen = latest, proposal
     return best, chosen
 
 
-def component_weights(model: JointModel, proposal: Proposal, draws: WeightedDraws) -> FloatArray:
-    """Share of the posterior that each component of a proposal stands for.
+def mode_weights(model: JointModel, proposal: Proposal, draws: WeightedDraws) -> FloatArray:
+    """Share of the posterior around each maximum.
 
     Parameters
     ----------
     model : JointModel
     proposal : Proposal
-        With M components.
     draws : WeightedDraws
 
     Returns
     -------
-    ndarray, shape (M,)
+    ndarray, shape (number of maxima,)
     """
-    return np.asarray(_responsible(model, proposal, draws).sum(axis=0))
+    return np.asarray(np.bincount(proposal.mode, _responsible(model, proposal, draws).sum(axis=0)), dtype=np.float64)
 
 
 def _weigh(
@@ -157,13 +166,30 @@ def _log_components(model: JointModel, proposal: Proposal, z: FloatArray) -> Flo
 
 def _refit(model: JointModel, proposal: Proposal, draws: WeightedDraws) -> Proposal:
     """Proposal moved to the weighted draws, each component to those it is responsible for."""
-    share = _responsible(model, proposal, draws)
-    parts = [
-        _moved(model, mean, scale, draws.z, one)
-        for mean, scale, one in zip(proposal.mean, proposal.scale, share.T, strict=True)
-    ]
-    mean, scale = (np.stack(part) for part in zip(*parts, strict=True))
-    return Proposal(wrapped(model, mean), scale, _floored(share.sum(axis=0)))
+    for _ in range(EXPECTATIONS):
+        share = _responsible(model, proposal, draws)
+        parts = [
+            _moved(model, mean, scale, draws.z, one)
+            for mean, scale, one in zip(proposal.mean, proposal.scale, share.T, strict=True)
+        ]
+        mean, scale = (np.stack(part) for part in zip(*parts, strict=True))
+        proposal = Proposal(wrapped(model, mean), scale, _floored(share.sum(axis=0)), proposal.mode)
+    return proposal
+
+
+def _split(proposal: Proposal) -> Proposal:
+    """Three components for each along its longest axis, so that together they can follow a bend."""
+    variance, axes = np.linalg.eigh(proposal.scale)
+    longest = axes[:, :, -1] * np.sqrt(variance[:, -1, None])
+    mean = [proposal.mean + step * longest for step in SPLIT_STEPS]
+    weight = [proposal.weight / len(SPLIT_STEPS)] * len(SPLIT_STEPS)
+    copies = len(SPLIT_STEPS)
+    return Proposal(
+        np.concatenate(mean),
+        np.tile(proposal.scale, (copies, 1, 1)),
+        np.concatenate(weight),
+        np.tile(proposal.mode, copies),
+    )
 
 
 def _responsible(model: JointModel, proposal: Proposal, draws: WeightedDraws) -> FloatArray:

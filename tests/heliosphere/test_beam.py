@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from bella.heliosphere.beam import beam_travel_s, spiral_path_rsun, spiral_position_rsun
+from bella.heliosphere.beam import beam_travel_s, slowing_travel_s, spiral_path_rsun, spiral_position_rsun
 from bella.units import AU_RSUN, C_RSUN_S
 
 RANGE = np.array([2.0, 30.0, 100.0, AU_RSUN])
@@ -35,3 +35,16 @@ def test_positions_lie_at_their_distance_and_turn_east_outwards() -> None:
     assert (np.diff(longitude) < 0).all()
     # 29.615 degrees in 100 solar radii at 400 km/s and 24.47 d
     assert longitude[1] - longitude[2] == pytest.approx(0.70 * 29.615, abs=0.01)
+
+
+def test_a_beam_that_does_not_slow_down_travels_as_one_of_constant_speed() -> None:
+    np.testing.assert_allclose(slowing_travel_s(RANGE, 0.2, 0.0, 300.0), beam_travel_s(RANGE, 0.2, 300.0), rtol=1e-8)
+
+
+@pytest.mark.parametrize("exponent", [-0.4, 0.3, 0.9])
+def test_travel_of_a_slowing_beam_is_the_sum_of_its_steps(exponent: float) -> None:
+    fine = np.geomspace(1.0, AU_RSUN, 40_001)
+    middle = np.sqrt(fine[1:] * fine[:-1])
+    steps = np.diff(spiral_path_rsun(fine, 400.0)) / (0.2 * C_RSUN_S * middle**-exponent)
+
+    assert slowing_travel_s(np.array([AU_RSUN]), 0.2, exponent, 400.0)[0] == pytest.approx(steps.sum(), rel=1e-6)
