@@ -197,6 +197,7 @@ def joint_json(fit: JointFit) -> dict[str, Any]:
         **parameters,
         "release_utc": {**release, **timed},
         "rotation_period_d": fit.model.rotation_period_d,
+        "epoch_utc": _stamp(fit, 0.0),
         "ess": quality and quality.ess,
         "log_evidence": quality and quality.log_evidence,
         "log_evidence_se": quality and quality.log_evidence_se,

@@ -21,6 +21,7 @@ START_LN_A = (-0.8, 0.8, 2.5)
 STEPS = 60
 LONGEST_STEP, FARTHEST = 1.0, 8.0
 """Limits of a step and of the place it leads to, in prior standard deviations: far out nothing can be computed."""
+FIRST_DAMPING = 1e-2
 DIFFERENCE = 1e-4
 CONVERGED = 1e-5
 SAME_MODE = 1.0
@@ -104,23 +105,32 @@ def _starts(model: JointModel) -> FloatArray:
 
 def _climb(model: JointModel, channels: TimedChannels, z: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Where each start ends, (S, P), and minus the log posterior there up to a constant, (S,)."""
-    cost, damping = _cost(model, channels, z), np.full(len(z), 1e-2)
+    z, cost, damping = z.copy(), _cost(model, channels, z), np.full(len(z), FIRST_DAMPING)
+    moving = np.arange(len(z))
     for _ in range(STEPS):
-        slope, curvature = _slope_and_curvature(model, channels, z)
-        damped = curvature + damping[:, None, None] * np.eye(z.shape[1]) * np.einsum("spp->sp", curvature)[:, None]
-        step = -np.linalg.solve(damped, slope[..., None])[..., 0]
-        trial = np.clip(z + np.clip(step, -LONGEST_STEP, LONGEST_STEP), -FARTHEST, FARTHEST)
+        step = _step(model, channels, z[moving], damping[moving])
+        trial = np.clip(z[moving] + step, -FARTHEST, FARTHEST)
         trial_cost = _cost(model, channels, trial)
-        better = trial_cost < cost
-        z, cost = np.where(better[:, None], trial, z), np.where(better, trial_cost, cost)
-        damping = np.clip(np.where(better, damping / 6, damping * 4), 1e-9, 1e9)
-        if (np.abs(step).max(axis=1) < CONVERGED).all():
+        better = trial_cost < cost[moving]
+        z[moving[better]], cost[moving[better]] = trial[better], trial_cost[better]
+        damping[moving] *= np.where(better, 1 / 6, 4.0)
+        moving = moving[np.abs(step).max(axis=1) >= CONVERGED]
+        if not moving.size:
             break
     return wrapped(model, z), cost
 
 
+def _step(model: JointModel, channels: TimedChannels, z: FloatArray, damping: FloatArray) -> FloatArray:
+    """Damped step of each start, (S, P)."""
+    slope, curvature = _slope_and_curvature(model, channels, z)
+    damped = curvature + damping[:, None, None] * np.eye(z.shape[1]) * np.einsum("spp->sp", curvature)[:, None]
+    return np.clip(-np.linalg.solve(damped, slope[..., None])[..., 0], -LONGEST_STEP, LONGEST_STEP)
+
+
 def _cost(model: JointModel, channels: TimedChannels, z: FloatArray) -> FloatArray:
-    return np.asarray(0.5 * (channels.misfit(residual_s(model, channels, z))[0] + (z**2).sum(axis=1)))
+    """Minus the log posterior up to a constant, (S,); infinite outside the limits of wind and beam."""
+    squares = channels.misfit(residual_s(model, channels, z))[0] + (z**2).sum(axis=1)
+    return np.where(model.allowed(z, channels.frequency_mhz), 0.5 * squares, np.inf)
 
 
 def _slope_and_curvature(model: JointModel, channels: TimedChannels, z: FloatArray) -> tuple[FloatArray, FloatArray]:

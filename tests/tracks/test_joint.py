@@ -2,6 +2,7 @@
 
 import dataclasses
 import json
+import math
 
 import numpy as np
 import pytest
@@ -134,6 +135,18 @@ def test_noise_that_hides_the_wind_is_flagged() -> None:
     assert noisy.summary["v_sw_km_s"].contraction > 0.9
 
 
+def test_a_beam_that_would_outrun_light_is_held_below_it() -> None:
+    """0.3 c at the Sun, growing as the root of the distance: above c beyond 11 solar radii."""
+    model = JointModel(deceleration=True)
+    outrunning = standard(model, 30.0, 400.0)
+    outrunning[4:] = math.log(2.0) / 0.5, -0.5 / 0.3
+    held = fit_joint(simulated(outrunning, model, np.random.default_rng(1)), model)
+    range_rsun = model.range_rsun(held.parameters, FREQUENCY_MHZ[:1])[:, 0]
+    fastest = held.draws["beam_speed_c"] * np.maximum(range_rsun ** -held.draws["deceleration"], 1.0)
+    assert fastest.max() <= 1.0
+    assert held.summary["beam_speed_c"].sd > 0
+
+
 def test_errors_stated_too_small_are_flagged() -> None:
     grid = simulated(PAPER_LIKE, MODEL, np.random.default_rng(1))
     assert "poor_fit" in fit_joint(dataclasses.replace(grid, sigma_s=grid.sigma_s / 2)).flags
@@ -202,6 +215,7 @@ def test_record_has_the_promised_columns(fit: JointFit) -> None:
     assert record["release_utc"]["mean"].endswith("Z")
     assert set(record["flags"]) <= set(TRACK_FLAGS)
     assert record["rotation_period_d"] == 25.38
+    assert record["epoch_utc"] == "2012-06-07T19:00:00.000Z"
     json.dumps(record, allow_nan=False)
 
 

@@ -1,0 +1,253 @@
+"""The joint fit of a burst: coverage, agreement with PyMC, speed, and what a wrong model does to it.
+
+Run with ``python -m benchmarks.joint``. Three spacecraft at 1 au, at 0 and +-116.8 degrees, hear forty frequencies from
+0.15 to 2 MHz with timing errors of 60, 38 and 38 s.
+"""
+
+import math
+import time
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, replace
+
+import numpy as np
+from rich.console import Console
+from rich.table import Table
+from scipy.stats import binomtest
+
+from bella.arrivals import ArrivalGrid
+from bella.heliosphere import DENSITY_MODELS, beam_travel_s, emission_range_rsun, slowing_travel_s, spiral_position_rsun
+from bella.tracks import JointFit, JointModel, fit_joint, sample_joint_nuts
+from bella.units import AU_RSUN, C_RSUN_S, FloatArray
+from benchmarks.localisation import seconds
+
+Row = tuple[str, ...]
+
+FREQUENCY_MHZ = np.geomspace(0.15, 2.0, 40)
+SIGMA_S = np.array([60.0, 38.0, 38.0])
+LONGITUDES_DEG = np.array([0.0, 116.8, -116.8])
+BURSTS = 200
+MODEL = JointModel()
+CHECKED = ("v_sw_km_s", "phi0_deg")
+STRETCH = {"stated errors": 1.0, "errors four times smaller": 0.25}
+LONG_DRAWS = 60_000
+FIXED = {"phi0_deg": 30.0, "v_sw_km_s": 400.0}
+
+
+@dataclass(frozen=True)
+class Truth:
+    """A burst as it was, and its arrival times without noise."""
+
+    phi0_deg: float
+    v_sw_km_s: float
+    arrival_s: FloatArray
+
+
+def receivers_rsun() -> FloatArray:
+    """Positions of the receivers at every frequency, shape (F, 3, 3)."""
+    angle = np.radians(LONGITUDES_DEG)
+    place = AU_RSUN * np.stack([np.cos(angle), np.sin(angle), np.zeros(3)], axis=1)
+    return np.tile(place, (FREQUENCY_MHZ.size, 1, 1))
+
+
+def from_the_prior(rng: np.random.Generator) -> Truth:
+    """All parameters from their priors; refused only where the model itself has no probability."""
+    while True:
+        z = rng.standard_normal((1, len(MODEL.parameters)))
+        if MODEL.allowed(z, FREQUENCY_MHZ)[0]:
+            drawn = MODEL.natural(z)
+            delay_s = MODEL.delay_s(z, FREQUENCY_MHZ, receivers_rsun())[0]
+            return Truth(float(drawn.phi0_deg[0]), float(drawn.v_sw_km_s[0]), delay_s)
+
+
+def fixed(_: np.random.Generator) -> Truth:
+    """Longitude 30 degrees, wind 400 km/s, all else at the mean of its prior."""
+    return along(40.0 * 0.55 / FREQUENCY_MHZ)
+
+
+def along(range_rsun: FloatArray, deceleration: float = 0.0, speed_c: float = 0.15) -> Truth:
+    """The same wind and longitude with the emission at given distances."""
+    source = spiral_position_rsun(range_rsun, FIXED["phi0_deg"], FIXED["v_sw_km_s"])
+    light_s = np.linalg.norm(source[:, None] - receivers_rsun(), axis=2) / C_RSUN_S
+    if deceleration:
+        travel_s = slowing_travel_s(range_rsun, speed_c, deceleration, FIXED["v_sw_km_s"])
+    else:
+        travel_s = beam_travel_s(range_rsun, speed_c, FIXED["v_sw_km_s"])
+    return Truth(FIXED["phi0_deg"], FIXED["v_sw_km_s"], travel_s[:, None] + light_s)
+
+
+def of_density(name: str) -> Callable[[np.random.Generator], Truth]:
+    """Bursts whose distances follow a density model, at twice the plasma frequency."""
+    range_rsun = emission_range_rsun(FREQUENCY_MHZ, DENSITY_MODELS[name], 2)
+    return lambda _: along(range_rsun)
+
+
+def slowing(exponent: float) -> Callable[[np.random.Generator], Truth]:
+    """Bursts of a beam of 0.3 c whose speed falls as a power of the distance."""
+    return lambda _: along(40.0 * 0.55 / FREQUENCY_MHZ, exponent, 0.3)
+
+
+def gaussian(rng: np.random.Generator) -> FloatArray:
+    """Normal deviates."""
+    return rng.standard_normal((FREQUENCY_MHZ.size, SIGMA_S.size))
+
+
+def heavy(rng: np.random.Generator) -> FloatArray:
+    """Student's t with three degrees of freedom, of the width it is stated with: its sd is 1.7 times that."""
+    return rng.standard_t(3, (FREQUENCY_MHZ.size, SIGMA_S.size))
+
+
+def shared(rng: np.random.Generator) -> FloatArray:
+    """Half of the variance in an offset that all channels of a receiver share."""
+    return math.sqrt(0.5) * (gaussian(rng) + rng.standard_normal(SIGMA_S.size))
+
+
+def heard(truth: Truth, noise: FloatArray, stretch: float) -> ArrivalGrid:
+    """Arrival times with noise."""
+    sigma_s = np.tile(stretch * SIGMA_S, (FREQUENCY_MHZ.size, 1))
+    return ArrivalGrid(
+        FREQUENCY_MHZ,
+        ("A", "B", "C"),
+        truth.arrival_s + noise * sigma_s,
+        sigma_s,
+        receivers_rsun(),
+        np.datetime64("2012-06-07T19:00", "ns"),
+        "none",
+    )
+
+
+def coverage(
+    label: str,
+    draw: Callable[[np.random.Generator], Truth],
+    *,
+    noise: Callable[[np.random.Generator], FloatArray] = gaussian,
+    stretch: float = 1.0,
+    fit: Callable[[ArrivalGrid], JointFit] = fit_joint,
+) -> Iterator[Row]:
+    """One row per parameter: median, scatter and stated error, and how often the intervals hold the truth."""
+    rng = np.random.default_rng(20120607)
+    truths, fits = [], []
+    for _ in range(BURSTS):
+        truths.append(draw(rng))
+        fits.append(fit(heard(truths[-1], noise(rng), stretch)))
+    for name in CHECKED:
+        yield label, name, *_columns(name, truths, fits), *_quality(fits)
+        label = ""
+
+
+def _columns(name: str, truths: list[Truth], fits: list[JointFit]) -> Iterator[str]:
+    summary = [fit.summary[name] for fit in fits]
+    truth = np.array([getattr(one, name) for one in truths])
+    mean, median, sd, low, high, lowest, highest = (
+        np.array([getattr(one, which) for one in summary])
+        for which in ("mean", "q50", "sd", "q16", "q84", "q2_5", "q97_5")
+    )
+    if name == "phi0_deg":
+        truth = mean + (truth - mean + 180) % 360 - 180
+    yield f"{np.median(median - truth):+.1f}"
+    yield f"{1.4826 * np.median(np.abs(median - truth - np.median(median - truth))):.1f}"
+    yield f"{np.median(sd):.1f}"
+    yield _share((low < truth) & (truth < high))
+    yield _share((lowest < truth) & (truth < highest))
+
+
+def _share(inside: np.ndarray) -> str:
+    exact = binomtest(int(inside.sum()), inside.size).proportion_ci(0.95, "exact")
+    return f"{inside.mean():.3f} [{exact.low:.2f}, {exact.high:.2f}]"
+
+
+def _quality(fits: list[JointFit]) -> tuple[str, str]:
+    share = [fit.quality.ess_share for fit in fits if fit.quality is not None]
+    poor = np.mean(["poor_fit" in fit.flags for fit in fits])
+    return f"{np.median(share):.2f} ({min(share):.2f})", f"{poor:.0%}"
+
+
+def calibrated() -> Iterator[Row]:
+    """Bursts as the model has them."""
+    for label, stretch in STRETCH.items():
+        yield from coverage(f"truth from the prior, {label}", from_the_prior, stretch=stretch)
+        yield from coverage(f"30 deg, 400 km/s, {label}", fixed, stretch=stretch)
+
+
+def misfitted() -> Iterator[Row]:
+    """Bursts as the model does not have them, at errors four times smaller, where it shows."""
+    small = STRETCH["errors four times smaller"]
+    slow = lambda grid: fit_joint(grid, replace(MODEL, deceleration=True))  # noqa: E731
+    two = lambda grid: fit_joint(grid, replace(MODEL, two_slope=True))  # noqa: E731
+    aware = lambda grid: fit_joint(  # noqa: E731
+        replace(grid, offset_sd_s=grid.sigma_s * math.sqrt(0.5), sigma_s=grid.sigma_s * math.sqrt(0.5))
+    )
+    for stretch, word in ((1.0, "stated errors"), (small, "errors / 4")):
+        yield from coverage(f"Saito density, {word}", of_density("saito"), stretch=stretch)
+        yield from coverage(f"Leblanc density, {word}", of_density("leblanc"), stretch=stretch)
+        yield from coverage(f"beam slows as r^-0.3, {word}", slowing(0.3), stretch=stretch)
+        yield from coverage(f"Student's t(3) noise, {word}", fixed, noise=heavy, stretch=stretch)
+        yield from coverage(f"offsets, not told, {word}", fixed, noise=shared, stretch=stretch)
+    yield from coverage(
+        "Saito density, fitted with two slopes, errors / 4", of_density("saito"), stretch=small, fit=two
+    )
+    yield from coverage("beam slows, fitted as such, errors / 4", slowing(0.3), stretch=small, fit=slow)
+    yield from coverage("offsets, told, errors / 4", fixed, noise=shared, stretch=small, fit=aware)
+
+
+def against_sampling() -> tuple[list[Row], list[Row]]:
+    """Differences of mean and width from long sampling of the identical posterior, and the time both take."""
+    rng = np.random.default_rng(3)
+    differences: list[Row] = []
+    grids = [heard(fixed(rng), gaussian(rng), 1.0), heard(fixed(rng), gaussian(rng), 0.25), *_from_prior(rng, 2)]
+    for label, grid in zip(
+        ("fixed truth", "the same, errors / 4", "from the prior", "from the prior"), grids, strict=True
+    ):
+        sampled, drawn = sample_joint_nuts(grid, draws=LONG_DRAWS, seed=1), fit_joint(grid, draws=LONG_DRAWS)
+        differences.append((label, *_apart(drawn, sampled)))
+    begin = time.perf_counter()
+    short = sample_joint_nuts(grids[0], draws=4000, seed=1)
+    sampled_s = time.perf_counter() - begin
+    fitted_s = seconds(lambda: fit_joint(grids[0]))
+    fit = fit_joint(grids[0])
+    effective = fit.quality.ess if fit.quality is not None else math.nan
+    timed = [
+        ("joint fit, 40 frequencies x 3 spacecraft, 4000 draws", f"{fitted_s * 1e3:.0f} ms", "200 ms"),
+        ("PyMC with nutpie, the same posterior, 4000 draws, compilation included", f"{sampled_s:.1f} s", ""),
+        ("ratio PyMC / joint fit", f"{sampled_s / fitted_s:.0f}", ""),
+        ("effective draws: joint fit, PyMC", f"{effective:.0f}, {short['effective'][0]:.0f}", ""),
+    ]
+    return differences, timed
+
+
+def _from_prior(rng: np.random.Generator, number: int) -> list[ArrivalGrid]:
+    return [heard(from_the_prior(rng), gaussian(rng), 1.0) for _ in range(number)]
+
+
+def _apart(drawn: JointFit, sampled: dict[str, FloatArray]) -> Row:
+    sd = {name: float(sampled[name].std()) for name in drawn.summary}
+    mean = max(abs(one.mean - float(sampled[name].mean())) / sd[name] for name, one in drawn.summary.items())
+    width = max(abs(one.sd / sd[name] - 1) for name, one in drawn.summary.items())
+    quality = drawn.quality
+    error = math.sqrt(1 / float(sampled["effective"][0]) + (1 / quality.ess if quality is not None else math.inf))
+    return f"{mean:.3f}", f"{width:.3f}", f"{error:.3f}", f"{sampled['effective'][0]:.0f}"
+
+
+def table(title: str, columns: tuple[str, ...], rows: list[Row]) -> Table:
+    """A table whose first two columns are words."""
+    printed = Table(title=title, title_justify="left")
+    for i, name in enumerate(columns):
+        printed.add_column(name, justify="left" if i == 0 else "right", no_wrap=i > 0)
+    for row in rows:
+        printed.add_row(*row)
+    return printed
+
+
+def main() -> None:
+    """Print coverage, agreement and speed."""
+    console = Console(width=150)
+    columns = ("bursts", "parameter", "bias", "scatter", "stated sd", "in 68 %", "in 95 %", "ess (least)", "poor_fit")
+    console.print(table(f"{BURSTS} bursts as the model has them", columns, list(calibrated())))
+    console.print(table(f"{BURSTS} bursts as it does not", columns, list(misfitted())))
+    differences, timed = against_sampling()
+    told = ("burst", "d mean / sd", "d sd / sd", "expected by chance, each", "PyMC effective")
+    console.print(table(f"Largest difference of six parameters from PyMC, {LONG_DRAWS} draws", told, differences))
+    console.print(table("Speed", ("what", "measured", "target"), timed))
+
+
+if __name__ == "__main__":
+    main()
