@@ -14,6 +14,7 @@ from bella.arrivals import ArrivalGrid
 from bella.exceptions import InputError
 from bella.tracks.joint_fit import (
     FAST_WIND_KM_S,
+    MISFIT_PROBABILITY,
     RELEASE,
     JointFit,
     ParameterSummary,
@@ -29,6 +30,8 @@ from bella.tracks.joint_posterior import GOOD_SHARE, WeightedDraws, mode_weights
 from bella.units import FloatArray
 
 MIN_FREQUENCIES = 4
+MIN_EFFECTIVE = 50
+"""Effective draws below which a posterior was not found, and no numbers are given."""
 DRAWS = 4000
 
 
@@ -73,7 +76,8 @@ def fit_joint(
     Returns
     -------
     JointFit
-        Without numbers, and with a flag, where there are fewer than four frequencies or too few arrival times.
+        Without numbers, and with a flag, where there are fewer than four frequencies or too few arrival times, and
+        where fewer than 50 draws count.
 
     Raises
     ------
@@ -89,14 +93,11 @@ def fit_joint(
     rng = np.random.default_rng(seed)
     modes = find_modes(chosen, channels)
     sampled, proposal = sample_posterior(chosen, channels, modes, draws, rng)
-    values = _values(chosen, sampled, rng.standard_normal(draws) / np.sqrt(channels.release_precision))
-    summary = _summary(chosen, sampled, values)
     quality = _quality(sampled, channels, modes, mode_weights(chosen, proposal, sampled))
-    fast_wind = float(sampled.weight[values["v_sw_km_s"] > FAST_WIND_KM_S].sum())
-    taken = _resampled(sampled.weight, rng)
-    equal = {name: value[taken] for name, value in values.items()}
-    flags = tuple(raised(summary, quality, fast_wind, GOOD_SHARE))
-    return JointFit(chosen, grid.reference_utc, equal, summary, quality, flags)
+    if quality.ess < MIN_EFFECTIVE:
+        flags = ("poor_fit", "poor_weights") if quality.misfit_p < MISFIT_PROBABILITY else ("poor_weights",)
+        return JointFit(chosen, grid.reference_utc, {}, {}, None, flags)
+    return _fitted(chosen, grid.reference_utc, channels, (sampled, quality), rng)
 
 
 def compare_models(
@@ -120,12 +121,14 @@ def compare_models(
     Raises
     ------
     InputError
-        If there is no model, or too few arrival times for one of them.
+        If there is no model, or one that cannot be fitted.
     """
     fits = [fit_joint(grid, model, common_sd_s=common_sd_s, seed=seed) for model in models]
     log_evidence = np.array([fit.quality.log_evidence for fit in fits if fit.quality is not None])
     if not 0 < len(log_evidence) == len(fits):
-        raise InputError("models cannot be compared: give one or more, and more arrival times than parameters")
+        raise InputError(
+            "models cannot be compared: give one or more, and more arrival times, that one of them explains"
+        )
     share = np.exp(log_evidence - logsumexp(log_evidence))
     best = float(log_evidence.max())
     return [ModelEvidence(fits[i], float(log_evidence[i]) - best, float(share[i])) for i in np.argsort(-log_evidence)]
@@ -156,6 +159,24 @@ def track_positions(fit: JointFit, frequency_mhz: FloatArray) -> tuple[FloatArra
     mean = position.mean(axis=0)
     away = position - mean
     return mean, np.einsum("nfi,nfj->fij", away, away) / (len(away) - 1)
+
+
+def _fitted(
+    model: JointModel,
+    reference_utc: np.datetime64,
+    channels: TimedChannels,
+    found: tuple[WeightedDraws, Quality],
+    rng: np.random.Generator,
+) -> JointFit:
+    sampled, quality = found
+    scatter_s = rng.standard_normal(sampled.weight.size) / np.sqrt(channels.release_precision)
+    values = _values(model, sampled, scatter_s)
+    summary = _summary(model, sampled, values)
+    fast_wind = float(sampled.weight[values["v_sw_km_s"] > FAST_WIND_KM_S].sum())
+    taken = _resampled(sampled.weight, rng)
+    equal = {name: value[taken] for name, value in values.items()}
+    flags = tuple(raised(summary, quality, fast_wind, GOOD_SHARE))
+    return JointFit(model, reference_utc, equal, summary, quality, flags)
 
 
 def _values(model: JointModel, sampled: WeightedDraws, scatter_s: FloatArray) -> dict[str, FloatArray]:

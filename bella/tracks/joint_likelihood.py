@@ -15,6 +15,8 @@ from bella.arrivals import ArrivalGrid
 from bella.tracks.joint_model import JointModel
 from bella.units import FloatArray
 
+LEAST_SIGMA_S = 1e-3
+"""Smaller errors are taken as this: light goes 300 km in it, and nothing in the model is known so well."""
 BLOCK_ELEMENTS = 200_000
 """Numbers treated together, so that they stay in the cache and memory stays bounded."""
 
@@ -116,7 +118,8 @@ def timed_channels(grid: ArrivalGrid, common_sd_s: float | None = None) -> Timed
     TimedChannels
     """
     heard = np.isfinite(grid.arrival_s)
-    variance = np.where(heard, grid.sigma_s**2 + grid.delay_sd_s**2, np.inf)
+    sigma_s = np.maximum(grid.sigma_s, LEAST_SIGMA_S)
+    variance = np.where(heard, sigma_s**2 + grid.delay_sd_s**2, np.inf)
     offset_sd_s = grid.offset_sd_s.max(axis=0) if common_sd_s is None else np.full(heard.shape[1], common_sd_s)
     precision = 1 / variance
     return TimedChannels(

@@ -152,6 +152,22 @@ def test_errors_stated_too_small_are_flagged() -> None:
     assert "poor_fit" in fit_joint(dataclasses.replace(grid, sigma_s=grid.sigma_s / 2)).flags
 
 
+def test_times_that_no_spiral_explains_give_no_numbers() -> None:
+    grid = simulated(PAPER_LIKE, MODEL, None)
+    wrong = fit_joint(dataclasses.replace(grid, arrival_s=grid.arrival_s[::-1]))
+    assert set(wrong.flags) == {"poor_fit", "poor_weights"}
+    assert joint_json(wrong)["v_sw_km_s"]["mean"] is None
+
+
+@pytest.mark.parametrize("factor", [1e-9, 1e-170])
+def test_errors_of_almost_nothing_overflow_nothing(factor: float) -> None:
+    grid = simulated(PAPER_LIKE, MODEL, np.random.default_rng(1))
+    with np.errstate(all="raise", under="ignore"):
+        wrong = fit_joint(dataclasses.replace(grid, sigma_s=grid.sigma_s * factor))
+    assert "poor_fit" in wrong.flags
+    json.dumps(joint_json(wrong), allow_nan=False)
+
+
 @pytest.mark.parametrize("number", [1, 2, 3])
 def test_few_frequencies_give_no_numbers(number: int) -> None:
     few = fit_joint(simulated(PAPER_LIKE, MODEL, np.random.default_rng(1)).take(np.arange(number)))
