@@ -202,7 +202,7 @@ def _quality(sampled: WeightedDraws, channels: TimedChannels, modes: Modes, shar
         log_evidence=sampled.log_evidence,
         log_evidence_se=sampled.log_evidence_se,
         misfit_p=float(chdtrc(channels.size - 1, modes.misfit)),
-        second_track=float(1 - share.max()),
+        second_track=max(float(1 - share.max()), 0.0),
     )
 
 
