@@ -25,10 +25,10 @@ from bella.cli_ephemeris import EPILOG as EPHEMERIS_EPILOG
 from bella.cli_ephemeris import UPDATE_EPILOG, ephemeris, know_updates, update_ephemeris
 from bella.cli_fetch import EPILOG as FETCH_EPILOG
 from bella.cli_fetch import fetch
-from bella.cli_simulate import EPILOG as SIMULATE_EPILOG
-from bella.cli_simulate import simulate
 from bella.cli_fit_track import EPILOG as FIT_TRACK_EPILOG
 from bella.cli_fit_track import fit_track
+from bella.cli_simulate import EPILOG as SIMULATE_EPILOG
+from bella.cli_simulate import simulate
 from bella.cli_spectra import EPILOG as FORMATS_EPILOG
 from bella.cli_spectra import formats
 from bella.exceptions import BellaError, InputError

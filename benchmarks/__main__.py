@@ -15,11 +15,7 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 from rich.console import Console
 from rich.table import Table
 
-<<<<<<< HEAD
-from benchmarks import edges, solar_wind, spectra
-=======
-from benchmarks import joint, spectra
->>>>>>> 456722a (Measure the joint fit: coverage, agreement with PyMC, speed, and wrong models)
+from benchmarks import edges, joint, solar_wind, spectra
 from benchmarks.localisation import engines
 
 IMPORTS = {"bella": "500 ms", "bella.cli": "500 ms", "bella.multilateration": ""}
@@ -59,11 +55,7 @@ def main() -> None:
     table = Table(title=f"Python {platform.python_version()}, {os.cpu_count()} cores, {platform.machine()}")
     for name in ("what", "measured", "target"):
         table.add_column(name, justify="left" if name == "what" else "right")
-<<<<<<< HEAD
-    for row in (*engines(), *spectra.rows(), *edges.rows(), *solar_wind.rows(), *commands()):
-=======
-    for row in (*engines(), *joint.engines(), *spectra.rows(), *commands()):
->>>>>>> 456722a (Measure the joint fit: coverage, agreement with PyMC, speed, and wrong models)
+    for row in (*engines(), *joint.engines(), *spectra.rows(), *edges.rows(), *solar_wind.rows(), *commands()):
         table.add_row(*row)
     Console(width=100).print(table)
 
