@@ -30,9 +30,10 @@ def native_day(folder: Path) -> Path:
     random = np.random.default_rng(2)
     flux = random.gamma(2.0, 1e-20, (RECORDS, CHANNELS)).astype(np.float32)
     angles = random.uniform(0.0, 180.0, flux.shape)
+    beside = archive_files.Beside(angles, np.cumsum(random.normal(0.0, 1e3, (RECORDS, 3)), axis=0) + 1.4e8)
     utc = DAY + np.arange(RECORDS) * np.timedelta64(38_820, "ms")
     path = folder / "sta_l3_wav_hfr_20120607_v01.cdf"
-    return archive_files.write_stereo_l3(path, utc, np.linspace(125e3, 16.025e6, CHANNELS), flux, angles)
+    return archive_files.write_stereo_l3(path, utc, np.linspace(125e3, 16.025e6, CHANNELS), flux, beside)
 
 
 def peak_bytes(path: Path) -> int:

@@ -51,6 +51,17 @@ class Sweeps(NamedTuple):
     """Start of every sweep, UTC, shape (records,)."""
     elapsed_s: FloatArray
     """How long after it each sample was taken, s, shape (records, channels)."""
+    position_km: FloatArray | None = None
+    """Where the spacecraft was at the start of every sweep, HCI, km, shape (records, 3)."""
+
+
+class Beside(NamedTuple):
+    """What STEREO's files at native cadence hold beside the flux."""
+
+    angles: npt.NDArray[Any] | None = None
+    """Colatitude and azimuth of the wave in every frame, degrees, shape (records, channels)."""
+    position_km: FloatArray | None = None
+    """Where the spacecraft was, HEE, km, shape (records, 3)."""
 
 
 def tt2000(utc: Instants) -> npt.NDArray[np.int64]:
@@ -243,9 +254,9 @@ def write_stereo_l3(
     utc: Instants,
     frequency_hz: FloatArray,
     flux: npt.NDArray[Any],
-    angles: npt.NDArray[Any] | None = None,
+    beside: Beside = Beside(),  # noqa: B008 - a tuple does not change
 ) -> Path:
-    """STEREO native cadence with wave angles.
+    """STEREO native cadence with wave angles and positions.
 
     Parameters
     ----------
@@ -256,20 +267,20 @@ def write_stereo_l3(
         Shape (C,).
     flux : numpy.ndarray
         W/m^2/Hz with the background taken away, shape (N, C).
-    angles : numpy.ndarray, optional
-        Colatitude and azimuth of the wave in every frame, degrees, shape (N, C); without them fill, as in the LFR files
-        of most of the mission.
+    beside : Beside
+        Without wave angles they are fill, as in the LFR files of most of the mission; without positions there are none.
 
     Returns
     -------
     pathlib.Path
     """
-    stored = filled(np.full(flux.shape, np.nan) if angles is None else angles)
+    stored = filled(np.full(flux.shape, np.nan) if beside.angles is None else beside.angles)
     variables: list[Variable] = [
         ("Epoch", TT2000, tt2000(utc), True, {}),
         ("FREQUENCY", REAL4, frequency_hz.astype(np.float32), False, {"UNITS": "Hz"}),
         ("PSD_FLUX", REAL4, filled(flux), True, {"UNITS": "W/m^2/Hz"}),
         *((name, REAL4, stored, True, {"UNITS": "degrees"}) for name in WAVE_ANGLES),
+        *_positions("SC_POS_HEE", beside.position_km),
     ]
     return write_cdf(path, path.stem, variables)
 
@@ -336,5 +347,10 @@ def write_solo_l3(
         ("PSD_FLUX", REAL4, filled(flux), True, {}),
         ("ELAPSED_TIME_SINCE_EPOCH", REAL4, sweeps.elapsed_s.astype(np.float32), True, {"UNITS": "s"}),
         ("INTERPOL_FLAG", UINT1, interpolated.astype(np.uint8), True, {}),
+        *_positions("SC_POS_HCI", sweeps.position_km),
     ]
     return write_cdf(path, path.stem, variables)
+
+
+def _positions(name: str, position_km: FloatArray | None) -> list[Variable]:
+    return [] if position_km is None else [(name, REAL8, position_km, True, {"UNITS": "km"})]

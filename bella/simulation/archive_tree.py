@@ -9,10 +9,11 @@ import numpy as np
 import numpy.typing as npt
 import xarray as xr
 
-from bella.exceptions import InputError
+from bella.exceptions import InputError, NoDataError
 from bella.simulation.archive_files import (
     H1_KHZ,
     LEVEL2_KHZ,
+    Beside,
     Sweeps,
     write_psp_l2,
     write_solo_l3,
@@ -21,9 +22,10 @@ from bella.simulation.archive_files import (
     write_wind_h1,
     write_wind_l2,
 )
+from bella.spacecraft import position
 from bella.spectra.archive_datasets import find_datasets
 from bella.spectra.dynamic_spectrum import sample_times
-from bella.units import FloatArray
+from bella.units import R_SUN_KM, FloatArray
 
 SIDES = {"STEREO-A": "ahead", "STEREO-B": "behind"}
 MINUTE = np.timedelta64(60, "s")
@@ -113,7 +115,17 @@ def _level2(path: Path, spectra: Sequence[xr.Dataset]) -> Path:
 
 def _stereo_l3(path: Path, spectra: Sequence[xr.Dataset]) -> Path:
     (spectrum,) = spectra
-    return write_stereo_l3(path, spectrum["time"].to_numpy(), _hertz(spectrum), spectrum["intensity"].to_numpy())
+    utc = spectrum["time"].to_numpy()
+    beside = Beside(position_km=_position_km(spectrum, utc, "hee"))
+    return write_stereo_l3(path, utc, _hertz(spectrum), spectrum["intensity"].to_numpy(), beside)
+
+
+def _position_km(spectrum: xr.Dataset, utc: np.ndarray, frame: str) -> FloatArray | None:
+    """Where the ephemeris has the spacecraft; None where it does not have it at all of these times."""
+    try:
+        return position(str(spectrum.attrs["observatory"]), utc, frame) * R_SUN_KM
+    except NoDataError:
+        return None
 
 
 def _psp_l2(path: Path, spectra: Sequence[xr.Dataset]) -> Path:
@@ -131,7 +143,7 @@ def _solo_l3(path: Path, spectra: Sequence[xr.Dataset]) -> Path:
         flagged = spectrum["interpolated"].to_numpy().astype(bool)
     return write_solo_l3(
         path,
-        Sweeps(start, (times - start[:, None]) / np.timedelta64(1, "s")),
+        Sweeps(start, (times - start[:, None]) / np.timedelta64(1, "s"), _position_km(spectrum, start, "hci")),
         spectrum["frequency"].to_numpy() * 1e3,
         spectrum["intensity"].to_numpy(),
         np.broadcast_to(flagged, times.shape),

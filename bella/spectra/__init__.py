@@ -5,6 +5,7 @@ from bella.spectra.by_observatory import by_observatory, cut
 from bella.spectra.combination import combine_receivers, join_days
 from bella.spectra.digitised import event_spectra
 from bella.spectra.dynamic_spectrum import QUANTITIES, light_curve, relative_power, sample_times, validate_spectrum
+from bella.spectra.given_positions import given_position_hee
 from bella.spectra.products import PRODUCTS, Product, find_product
 from bella.spectra.reading import open_spectra
 
@@ -19,6 +20,7 @@ __all__ = [
     "decibels",
     "event_spectra",
     "find_product",
+    "given_position_hee",
     "join_days",
     "light_curve",
     "open_spectra",

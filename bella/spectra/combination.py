@@ -9,7 +9,8 @@ import xarray as xr
 
 from bella.exceptions import InputError
 from bella.spectra.assembly import cadence_s, label
-from bella.spectra.dynamic_spectrum import sample_times, validate_spectrum
+from bella.spectra.dynamic_spectrum import POSITION, sample_times, validate_spectrum
+from bella.spectra.given_positions import join_positions
 
 PER_CHANNEL = ("interpolated", "sample_offset_s")
 
@@ -21,7 +22,7 @@ def combine_receivers(first: xr.Dataset, second: xr.Dataset) -> xr.Dataset:
     dropped; with as many, the upper receiver keeps them. Records: the receiver with more of them gives the time axis.
     A record of the other joins the nearest one within half the median step, each at most one; what finds none becomes
     a record of its own. Samples keep their times: unless both have the same time axis and none of their own, the
-    result has ``sample_time``.
+    result has ``sample_time``. Positions of the spacecraft are kept.
 
     Parameters
     ----------
@@ -39,14 +40,14 @@ def combine_receivers(first: xr.Dataset, second: xr.Dataset) -> xr.Dataset:
         If they are of different observatories or quantities.
     """
     _same(first, second, ("observatory", "quantity"))
-    low, high = sorted((first, second), key=lambda one: (float(one["frequency"][0]), float(one["frequency"][-1])))
-    low, high = _part_bands(low, high)
+    both = sorted((first, second), key=lambda one: (float(one["frequency"][0]), float(one["frequency"][-1])))
+    low, high = _part_bands(*(one.drop_vars(POSITION, errors="ignore") for one in both))
     if low.sizes["time"] == high.sizes["time"] and (low["time"].to_numpy() == high["time"].to_numpy()).all():
         parts = _with_same_variables([low, high])
     else:
         parts = _with_same_variables(_on_one_axis(low, high))
     joined = xr.concat(parts, "frequency", join="exact", combine_attrs="drop").sortby("frequency")
-    return _finish(joined, [low, high], f"{low.attrs['receiver']}+{high.attrs['receiver']}")
+    return _finish(joined, both, f"{low.attrs['receiver']}+{high.attrs['receiver']}")
 
 
 def join_days(spectra: Sequence[xr.Dataset]) -> xr.Dataset:
@@ -54,7 +55,7 @@ def join_days(spectra: Sequence[xr.Dataset]) -> xr.Dataset:
 
     Records that two files hold are kept once, from the file given first. Channels that a file lacks are NaN there.
     What is relative to the background of a day (``voltage_ratio``, ``db_over_background``) stays relative to that of
-    its own day, and may step at midnight.
+    its own day, and may step at midnight. Positions of the spacecraft are kept.
 
     Parameters
     ----------
@@ -76,7 +77,7 @@ def join_days(spectra: Sequence[xr.Dataset]) -> xr.Dataset:
     for other in spectra[1:]:
         _same(spectra[0], other, ("observatory", "receiver", "quantity"))
     flags = _interpolated(spectra)
-    parts = _with_same_variables([one.drop_vars("interpolated", errors="ignore") for one in spectra])
+    parts = _with_same_variables([one.drop_vars(["interpolated", POSITION], errors="ignore") for one in spectra])
     if "sample_offset_s" in parts[0] and not all(_equal_offsets(parts[0], part) for part in parts[1:]):
         parts = [part.assign(sample_time=sample_times(part)).drop_vars("sample_offset_s") for part in parts]
     joined = xr.concat(
@@ -182,4 +183,5 @@ def _finish(joined: xr.Dataset, parts: list[xr.Dataset], receiver: str) -> xr.Da
         "integration_s": max(float(part.attrs["integration_s"]) for part in parts),
         "source_files": list(dict.fromkeys(sources)),
     }
-    return label(validate_spectrum(joined.transpose("time", "frequency"), ", ".join(sources)))
+    placed = join_positions(joined.transpose("time", "frequency"), parts)
+    return label(validate_spectrum(placed, ", ".join(sources)))

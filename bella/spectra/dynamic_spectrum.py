@@ -6,6 +6,8 @@ A dynamic spectrum is an :class:`xarray.Dataset` with dimensions ``time`` and ``
 - ``intensity(time, frequency)``: NaN where there are no data;
 - optional ``sample_offset_s(frequency)`` or ``sample_time(time, frequency)`` for receivers that step through a sweep;
 - optional ``interpolated(frequency)``: True for channels that were not measured;
+- optional ``position_km(time, axis)``: where the spacecraft was, NaN where not known, with the attribute ``frame``, one
+  of ``POSITION_FRAMES``;
 - attributes ``observatory``, ``receiver``, ``quantity`` (one of ``QUANTITIES``), ``integration_s``, ``source_files``;
 - optional attribute ``power_exponent`` with ``relative_flux``: 2 where intensity is an amplitude, as of Wind, else 1.
 
@@ -17,16 +19,22 @@ import numpy.typing as npt
 import xarray as xr
 
 from bella.exceptions import InputError
+from bella.spacecraft import FRAMES
 from bella.units import FloatArray
 
 QUANTITIES = ("db_over_background", "voltage_ratio", "psd_v2_hz", "flux_w_m2_hz", "relative_flux")
 """What ``intensity`` may be."""
 
 ATTRIBUTES = ("observatory", "receiver", "quantity", "integration_s", "source_files")
+POSITION, GEOCENTRIC = "position_km", "gse"
+POSITION_FRAMES = (*FRAMES, GEOCENTRIC)
+"""Frames of ``position_km``: those of the ephemeris, and the one that is centred on Earth."""
+
 OPTIONAL_DIMENSIONS = {
     "sample_offset_s": ("frequency",),
     "sample_time": ("time", "frequency"),
     "interpolated": ("frequency",),
+    POSITION: ("time", "axis"),
 }
 
 
@@ -108,6 +116,17 @@ def _wrong_variable(spectrum: xr.Dataset) -> str:
     for name, dims in expected.items():
         if name in spectrum and spectrum[name].dims != dims:
             return f"variable {name!r} has dimensions {spectrum[name].dims}: order them {dims}"
+    return _wrong_position(spectrum) if POSITION in spectrum else ""
+
+
+def _wrong_position(spectrum: xr.Dataset) -> str:
+    stated = spectrum[POSITION]
+    if stated.sizes["axis"] != 3 or not np.issubdtype(stated.dtype, np.floating):
+        return f"variable {POSITION!r} holds {stated.sizes['axis']} columns of {stated.dtype}: give x, y, z as float64"
+    if str(stated.attrs.get("frame")).lower() not in POSITION_FRAMES:
+        return f"{POSITION!r} is in frame {stated.attrs.get('frame')!r}: use one of {', '.join(POSITION_FRAMES)}"
+    if stated.attrs.get("units", "km") != "km":
+        return f"variable {POSITION!r} is in {stated.attrs['units']}: convert it to km"
     return ""
 
 

@@ -13,6 +13,7 @@ import xarray as xr
 from bella.exceptions import InputError
 from bella.spectra.assembly import Origin, assemble, shared_channels
 from bella.spectra.cdf import CdfFile, TimeArray
+from bella.spectra.given_positions import read_positions
 from bella.spectra.sweeps import assemble_sweeps, record_centres
 
 OBSERVATORY = "SOLO"
@@ -22,6 +23,7 @@ PREAMPLIFIER = 1
 ELAPSED = ("ELAPSED_TIME_SINCE_EPOCH", "TIMING")
 ELAPSED_UNITS = {"ns": 1.0, "us": 1e3, "ms": 1e6, "s": 1e9}
 LONGEST_SWEEP_NS = 3600e9
+POSITIONS = ("SC_POS_HCI",)
 
 
 def read_l2_hfr(cdf: CdfFile, receiver: str = "hfr") -> tuple[xr.Dataset, ...]:
@@ -135,7 +137,8 @@ def read_l3(cdf: CdfFile, receiver: str) -> tuple[xr.Dataset, ...]:
     Returns
     -------
     tuple of xarray.Dataset
-        One dynamic spectrum, quantity ``flux_w_m2_hz``, with ``interpolated`` and ``sample_time`` where known.
+        One dynamic spectrum, quantity ``flux_w_m2_hz``, with ``interpolated``, ``sample_time`` and ``position_km``
+        where known.
 
     Raises
     ------
@@ -151,9 +154,8 @@ def read_l3(cdf: CdfFile, receiver: str) -> tuple[xr.Dataset, ...]:
     time, when = _sample_times(cdf, start, stated_mhz, flux.shape)
     if when is not None:
         extra["sample_time"] = when
-    return (
-        assemble(Origin(OBSERVATORY, receiver.upper(), "flux_w_m2_hz", cdf.name), time, frequency_mhz, flux, extra),
-    )
+    origin = Origin(OBSERVATORY, receiver.upper(), "flux_w_m2_hz", cdf.name)
+    return (read_positions(cdf, assemble(origin, time, frequency_mhz, flux, extra), start, POSITIONS),)
 
 
 def _of_one_dipole(

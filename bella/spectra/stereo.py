@@ -8,6 +8,7 @@ from bella.exceptions import InputError
 from bella.spectra.assembly import Origin, assemble
 from bella.spectra.cdf import CdfFile
 from bella.spectra.combination import combine_receivers
+from bella.spectra.given_positions import read_positions
 
 SPACECRAFT = {"ahead": "STEREO-A", "behind": "STEREO-B"}
 BY_LETTER = {"a": "STEREO-A", "b": "STEREO-B"}
@@ -16,6 +17,7 @@ DIRECTIONS = {
     for frame in ("hee", "rtn")
     for angle in ("colatitude", "azimuth")
 } | {"source_size_deg": "SOURCE_SIZE"}
+POSITIONS = ("SC_POS_HEE", "SC_POS_HEEQ", "SC_POS_HCI")
 
 
 def read_level2(cdf: CdfFile, receiver: str = "") -> tuple[xr.Dataset, ...]:
@@ -93,7 +95,8 @@ def read_l3(cdf: CdfFile, receiver: str) -> tuple[xr.Dataset, ...]:
     Returns
     -------
     tuple of xarray.Dataset
-        One dynamic spectrum, quantity ``flux_w_m2_hz``, with wave angles (time, frequency) where the file has them.
+        One dynamic spectrum, quantity ``flux_w_m2_hz``, with wave angles (time, frequency) and
+        ``position_km`` where the file has them.
 
     Raises
     ------
@@ -106,4 +109,5 @@ def read_l3(cdf: CdfFile, receiver: str) -> tuple[xr.Dataset, ...]:
     flux, frequency_mhz = cdf.numbers("PSD_FLUX", 2), cdf.frequency_mhz("FREQUENCY", "Hz")
     if frequency_mhz.ndim == 2:
         frequency_mhz = frequency_mhz[0]
-    return (assemble(origin, cdf.utc("Epoch"), frequency_mhz, flux, extra),)
+    time = cdf.utc("Epoch")
+    return (read_positions(cdf, assemble(origin, time, frequency_mhz, flux, extra), time, POSITIONS),)

@@ -12,6 +12,8 @@ from scipy.io import readsav
 from bella.exceptions import InputError
 from bella.spectra.assembly import Origin, assemble, shared_channels
 from bella.spectra.bounded import inflate, reading
+from bella.spectra.dynamic_spectrum import GEOCENTRIC
+from bella.spectra.given_positions import EARTH_RADIUS_KM, with_positions
 
 OBSERVATORY = "WIND"
 LARGEST_FILE = 64 << 20
@@ -47,7 +49,7 @@ def read_60s(path: Path, receiver: str) -> tuple[xr.Dataset, ...]:
     -------
     tuple of xarray.Dataset
         One dynamic spectrum, quantity ``psd_v2_hz`` or, where the file has solar flux units, ``flux_w_m2_hz``;
-        attribute ``position_gse_re`` is the mean position of the day, Earth radii.
+        ``position_km`` is where Wind was, GSE, and the attribute ``position_gse_re`` its mean of the day, Earth radii.
 
     Raises
     ------
@@ -66,9 +68,15 @@ def read_60s(path: Path, receiver: str) -> tuple[xr.Dataset, ...]:
         frequency_mhz, mean = shared_channels(frequency_khz * 1e-3, mean * factor, path.name)
         time = CALENDAR_1950 + np.array([header[2] for header in headers], dtype="timedelta64[s]")
         origin = Origin(OBSERVATORY, receiver.upper(), quantity, path.name)
-        position = np.array([header[-3:] for header in headers], dtype=np.float64).mean(axis=0)
-        spectrum = assemble(origin, time.astype("datetime64[ns]"), frequency_mhz, mean)
-        return (spectrum.assign_attrs(position_gse_re=position.tolist()),)
+        position_re = np.array([header[-3:] for header in headers], dtype=np.float64)
+        return (_placed(assemble(origin, time.astype("datetime64[ns]"), frequency_mhz, mean), time, position_re),)
+
+
+def _placed(spectrum: xr.Dataset, time: npt.NDArray[np.datetime64], position_re: npt.NDArray[np.float64]) -> xr.Dataset:
+    """With the position of each record, GSE; the centre of Earth is no position."""
+    there_km = np.where(position_re.any(axis=1, keepdims=True), position_re, np.nan) * EARTH_RADIUS_KM
+    placed = with_positions(spectrum, time.astype("datetime64[ns]"), there_km, GEOCENTRIC)
+    return placed.assign_attrs(position_gse_re=position_re.mean(axis=0).tolist())
 
 
 def read_idl(path: Path, receiver: str) -> tuple[xr.Dataset, ...]:

@@ -73,6 +73,13 @@ def test_a_missing_attribute_is_named(name: str) -> None:
         (spectrum().assign(intensity=(("time", "frequency"), np.zeros((2, 3), dtype=int))), "int64: use float32"),
         (spectrum().transpose("frequency", "time"), "order them"),
         (spectrum().assign(sample_offset_s=("time", [0.0, 1.0])), "sample_offset_s"),
+        (spectrum().assign(position_km=("time", [0.0, 1.0])), "position_km"),
+        (spectrum().assign(position_km=(("time", "axis"), np.ones((2, 2)), {"frame": "hee"})), "2 columns of float64"),
+        (spectrum().assign(position_km=(("time", "axis"), np.ones((2, 3)))), "frame None: use one of hee"),
+        (
+            spectrum().assign(position_km=(("time", "axis"), np.ones((2, 3)), {"frame": "HCI", "units": "m"})),
+            "in m: convert it to km",
+        ),
     ],
 )
 def test_what_is_wrong_is_named(bad: xr.Dataset, complaint: str) -> None:

@@ -175,7 +175,7 @@ def test_stereo_l3_reads_the_unit_of_frequency(tmp_path: Path, name: str, observ
     angles = np.broadcast_to(np.linspace(0, 90, 319), flux.shape)
     path = tmp_path / f"{name}_20200711_v01.cdf"
 
-    spectrum = only(archive_files.write_stereo_l3(path, utc, frequency_hz, flux, angles))
+    spectrum = only(archive_files.write_stereo_l3(path, utc, frequency_hz, flux, archive_files.Beside(angles)))
 
     assert (spectrum.attrs["observatory"], spectrum.attrs["receiver"]) == (observatory, receiver)
     np.testing.assert_array_equal(spectrum["intensity"], flux)
