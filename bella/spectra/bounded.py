@@ -18,6 +18,7 @@ READS = 100_000
 
 MARGIN_BYTES = 16 << 20
 REREAD = 20
+PIECE_BYTES = 1 << 16
 INFLATED_BYTES = 256 << 20
 """Most that one file may hold once decompressed; a day at native cadence holds less than half."""
 
@@ -104,8 +105,10 @@ class BoundedStream:
         self._stream.close()
 
 
-def inflate(compressed: bytes, limit: int) -> bytes:
+def inflate(compressed: bytes, limit: int) -> bytearray:
     """Decompress gzip, but no more than `limit` bytes.
+
+    Piece by piece, as zlib holds all it made a second time before it returns it.
 
     Parameters
     ----------
@@ -116,7 +119,7 @@ def inflate(compressed: bytes, limit: int) -> bytes:
 
     Returns
     -------
-    bytes
+    bytearray
         What was compressed.
 
     Raises
@@ -125,9 +128,13 @@ def inflate(compressed: bytes, limit: int) -> bytes:
         If it is larger, or cut short.
     """
     inflater = zlib.decompressobj(wbits=zlib.MAX_WBITS | 32)
-    content = inflater.decompress(compressed, limit + 1)
-    if len(content) > limit:
-        raise ValueError(f"a compressed record holds more than {limit} bytes")
+    content = bytearray()
+    for begin in range(0, len(compressed), PIECE_BYTES):
+        content += inflater.decompress(compressed[begin : begin + PIECE_BYTES], limit + 1 - len(content))
+        if len(content) > limit:
+            raise ValueError(f"a compressed record holds more than {limit} bytes")
+        if inflater.eof:
+            break
     if not inflater.eof:
         raise ValueError("a compressed record is cut short")
     return content

@@ -31,13 +31,15 @@ RECORDS = 2_000_000
 DIMENSIONS, LONGEST_TEXT = 10, 1 << 16
 """The most dimensions that CDF allows, and more characters than any text has."""
 
-TEXTS, Z_VARIABLE = (51, 52), 8
+TEXTS, Z_VARIABLE, LARGEST_WIDTH = (51, 52), 8, 8
 UNIX_EPOCH_MS = 62_167_219_200_000.0
 """1970-01-01 as CDF_EPOCH, ms since the year 0."""
 
 FIRST, LAST = np.datetime64("1990-01-01", "ns"), np.datetime64("2060-01-01", "ns")
 J2000 = np.datetime64("2000-01-01T12:00:00", "ns")
 CDF_EPOCH, CDF_TIME_TT2000 = 31, 33
+AT_ONCE = 2048
+"""Values that are converted at once, so that what that takes stays small: 280 bytes for each time in cdflib."""
 MHZ = {"hz": 1e-6, "khz": 1e-3, "mhz": 1.0}
 
 
@@ -45,8 +47,11 @@ class _BoundedCdf(cdflib.CDF):  # type: ignore[misc]
     """cdflib's reader on a bounded stream.
 
     cdflib 1.3 allocates what a descriptor claims before it looks at the data, and follows lists as long as a counter
-    says; both come straight from the file.
+    says; both come straight from the file. It also copies values twice more than is needed.
     """
+
+    _is_swapped = False
+    """Whether the values at hand are in the byte order of this machine already."""
 
     def _file_or_url_or_s3_handler(self, filename: str, filetype: str, s3_read_method: int) -> BoundedStream:
         del filetype, s3_read_method
@@ -100,18 +105,18 @@ class _BoundedCdf(cdflib.CDF):  # type: ignore[misc]
             raise ValueError(f"it ends early: {self._f.size} of {description.eof} bytes")
         return description
 
-    def _inflate(self, compressed: bytes) -> bytes:
+    def _inflate(self, compressed: bytes) -> bytearray:
         content = inflate(compressed, self._inflated_left)
         self._inflated_left -= len(content)
         return content
 
-    def _read_vvr_block(self, offset: int) -> bytes:
+    def _read_vvr_block(self, offset: int) -> bytes | bytearray:
         return self._block(offset, 8)
 
-    def _read_vvr_block2(self, offset: int) -> bytes:
+    def _read_vvr_block2(self, offset: int) -> bytes | bytearray:
         return self._block(offset, 4)
 
-    def _block(self, offset: int, width: int) -> bytes:
+    def _block(self, offset: int, width: int) -> bytes | bytearray:
         """Values of one record of the file, decompressed; `width` is that of its integers, bytes."""
         self._f.seek(offset)
         block = self._f.read(int.from_bytes(self._f.read(width), "big") - width)
@@ -131,7 +136,37 @@ class _BoundedCdf(cdflib.CDF):  # type: ignore[misc]
             raise ValueError(f"variable {vdr.name!r} holds text")
         if records > RECORDS or not 0 <= claimed <= min(swell * self._f.size, INFLATED_BYTES):
             raise ValueError(f"variable {vdr.name!r} claims {records} records of {claimed} bytes")
-        return super()._read_vvrs(vdr, *blocks_and_records)
+        offsets, first = blocks_and_records[0], blocks_and_records[-2]
+        width = self._type_size(vdr.data_type, vdr.num_elements)
+        if vdr.sparse or first or width > LARGEST_WIDTH:
+            return super()._read_vvrs(vdr, *blocks_and_records)
+        return self._in_place(vdr, self._joined(offsets, claimed, vdr.name), width)
+
+    def _in_place(self, vdr: Any, content: bytearray, width: int) -> npt.NDArray[Any]:
+        """Numbers of a variable in the memory of its bytes, `width` each."""
+        dimensions = [size for size, varies in zip(vdr.dim_sizes, vdr.dim_vary, strict=True) if varies]
+        records = len(content) // (width * max(self._num_values(vdr), 1))
+        if self._convert_option() != "=":
+            np.frombuffer(content, dtype=f"u{width}").byteswap(inplace=True)
+        self._is_swapped = True
+        try:
+            return np.asarray(self._read_data(content, vdr.data_type, records, vdr.num_elements, dimensions))
+        finally:
+            self._is_swapped = False
+
+    def _convert_option(self) -> str:
+        return "=" if self._is_swapped else str(super()._convert_option())
+
+    def _joined(self, offsets: list[int], size: int, name: str) -> bytearray:
+        """The first bytes of all blocks of a variable; cdflib would copy them once more."""
+        content, filled = bytearray(size), 0
+        for offset in offsets:
+            block = self._block(offset, 8 if self.cdfversion == 3 else 4)[: size - filled]
+            content[filled : filled + len(block)] = block
+            filled += len(block)
+            if filled == size:
+                return content
+        raise ValueError(f"variable {name!r} has {filled} bytes of {size}")
 
 
 class CdfFile:
@@ -193,9 +228,13 @@ class CdfFile:
         fill = self._number(self._attribute("FILLVAL", variable))
         if not np.issubdtype(stored.dtype, np.number):
             raise InputError(f"{self.name}: variable {variable!r} holds no numbers")
-        missing = stored == fill if np.isfinite(fill) else np.zeros(stored.shape, dtype=bool)
         values = stored if stored.dtype == np.float32 else stored.astype(np.float64)
-        values[missing | ~(np.abs(values) < LARGEST_NUMBER)] = np.nan
+        step = max(AT_ONCE * len(values) // max(values.size, 1), 1) if values.ndim else 1
+        for begin in range(0, len(values) if values.ndim else 0, step):
+            part = values[begin : begin + step]
+            if np.isfinite(fill):
+                part[stored[begin : begin + step] == fill] = np.nan
+            part[np.abs(part) >= LARGEST_NUMBER] = np.nan
         return values
 
     def utc(self, variable: str) -> TimeArray:
@@ -242,11 +281,13 @@ class CdfFile:
         InputError
             If there is no such variable, or if its unit is not known.
         """
-        values = self.numbers(variable, self.dimensions(variable)).astype(np.float64)
+        values = self.numbers(variable, self.dimensions(variable))
         stated = re.sub(r"[^a-z]", "", self.attribute("UNITS", variable).lower()) or unit.lower()
         if stated not in MHZ:
             raise InputError(f"{self.name}: variable {variable!r} is in {stated!r}, not in Hz, kHz or MHz")
-        return values * MHZ[stated]
+        if values.ndim == 2 and len(values) and (values == values[0]).all():
+            values = values[0]
+        return values.astype(np.float64) * MHZ[stated]
 
     def _descriptor(self, variable: str) -> Any:
         if variable not in self.variables:
@@ -331,8 +372,11 @@ def utc_of_tt2000(tt2000_ns: npt.NDArray[np.int64]) -> TimeArray:
     stored = np.asarray(tt2000_ns, dtype=np.int64)
     usable = (stored >= (FIRST - J2000).astype(np.int64)) & (stored < (LAST - J2000).astype(np.int64))
     times = np.full(stored.shape, np.datetime64("NaT"), dtype="datetime64[ns]")
-    if usable.any():
-        times[usable] = np.asarray(cdflib.cdfepoch.to_datetime(stored[usable]))
+    for begin in range(0, stored.size, AT_ONCE):
+        part = slice(begin, begin + AT_ONCE)
+        known = stored[part][usable[part]]
+        if known.size:
+            times[part][usable[part]] = np.asarray(cdflib.cdfepoch.to_datetime(known))
     return times
 
 

@@ -46,7 +46,9 @@ def combine_receivers(first: xr.Dataset, second: xr.Dataset) -> xr.Dataset:
         parts = _with_same_variables([low, high])
     else:
         parts = _with_same_variables(_on_one_axis(low, high))
-    joined = xr.concat(parts, "frequency", join="exact", combine_attrs="drop").sortby("frequency")
+    joined = xr.concat(parts, "frequency", join="exact", combine_attrs="drop")
+    if not joined.indexes["frequency"].is_monotonic_increasing:
+        joined = joined.sortby("frequency")
     return _finish(joined, both, f"{low.attrs['receiver']}+{high.attrs['receiver']}")
 
 
@@ -99,8 +101,17 @@ def _part_bands(low: xr.Dataset, high: xr.Dataset) -> tuple[xr.Dataset, xr.Datas
     """The two without the channels that one of them loses to the other in the overlap."""
     begin, end = float(high["frequency"][0]), float(low["frequency"][-1])
     if _measured(low, begin, end) > _measured(high, begin, end):
-        return low, high.sel(frequency=(high["frequency"] > end) | (high["frequency"] < float(low["frequency"][0])))
-    return low.sel(frequency=(low["frequency"] < begin) | (low["frequency"] > float(high["frequency"][-1]))), high
+        return low, _without(high, float(low["frequency"][0]), end)
+    return _without(low, begin, float(high["frequency"][-1])), high
+
+
+def _without(spectrum: xr.Dataset, begin_mhz: float, end_mhz: float) -> xr.Dataset:
+    """Channels outside a band; nothing is copied if they are on one side of it."""
+    channels = spectrum["frequency"].to_numpy()
+    kept = np.flatnonzero((channels < begin_mhz) | (channels > end_mhz))
+    if kept.size and kept[-1] - kept[0] + 1 == kept.size:
+        return spectrum.isel(frequency=slice(int(kept[0]), int(kept[-1]) + 1))
+    return spectrum.isel(frequency=kept)
 
 
 def _measured(spectrum: xr.Dataset, begin_mhz: float, end_mhz: float) -> int:
@@ -176,7 +187,7 @@ def _interpolated(spectra: Sequence[xr.Dataset]) -> dict[str, xr.DataArray]:
 
 def _finish(joined: xr.Dataset, parts: list[xr.Dataset], receiver: str) -> xr.Dataset:
     sources = [str(name) for part in parts for name in np.atleast_1d(part.attrs["source_files"])]
-    joined["intensity"] = joined["intensity"].astype(np.float32)
+    joined["intensity"] = joined["intensity"].astype(np.float32, copy=False)
     joined.attrs = {
         **parts[0].attrs,
         "receiver": receiver,

@@ -92,12 +92,12 @@ def _sum_of_dipoles(cdf: CdfFile, receiver: str, prefix: str, ending: str, quant
 
 
 def _part(cdf: CdfFile, epoch: str, frequency: str, variable: str) -> Part:
-    values = cdf.numbers(variable, 2)
-    frequency_mhz, values = shared_channels(cdf.frequency_mhz(frequency, "Hz"), values, cdf.name)
+    stated_mhz = cdf.frequency_mhz(frequency, "Hz")
+    frequency_mhz, values = shared_channels(stated_mhz, cdf.numbers(variable, 2), cdf.name)
     time = cdf.utc(epoch)
     if values.shape != (time.size, frequency_mhz.size):
         raise InputError(f"{cdf.name}: {variable} has the shape {values.shape}, not {(time.size, frequency_mhz.size)}")
-    values[~(values > 0.0)] = np.nan
+    values[values <= 0.0] = np.nan
     return time, frequency_mhz, values
 
 
@@ -107,5 +107,8 @@ def _summed(parts: list[Part], source: str) -> Part:
     (time, frequency_mhz, power), (other_time, other_frequency_mhz, other) = parts
     if not np.array_equal(frequency_mhz, other_frequency_mhz):
         raise InputError(f"{source}: the dipoles were read at different frequencies")
+    if np.array_equal(time, other_time):
+        power += other
+        return time, frequency_mhz, power
     both, mine, its = np.intersect1d(time, other_time, return_indices=True)
     return both, frequency_mhz, power[mine] + other[its]

@@ -207,14 +207,24 @@ def _sample_times(
     names = [name for name in ELAPSED if cdf.has_records(name)]
     if not names:
         return start, None
-    unit = ELAPSED_UNITS.get(cdf.attribute("UNITS", names[0]).lower(), 1e9)
-    elapsed_ns = cdf.numbers(names[0], cdf.dimensions(names[0])).astype(np.float64) * unit
-    elapsed_ns = elapsed_ns if elapsed_ns.ndim == 1 else shared_channels(frequency_mhz, elapsed_ns, cdf.name)[1]
-    if elapsed_ns.shape not in {shape, shape[1:]} or start.size != shape[0]:
-        raise InputError(f"{cdf.name}: {names[0]} has the shape {elapsed_ns.shape}, not {shape}")
-    known = np.where(np.abs(elapsed_ns) < LONGEST_SWEEP_NS, elapsed_ns, np.nan)
-    if not np.isfinite(known).any():
+    offset, middle = _offsets(cdf, names[0], frequency_mhz)
+    if offset.shape not in {shape, shape[1:]} or start.size != shape[0]:
+        raise InputError(f"{cdf.name}: {names[0]} has the shape {offset.shape}, not {shape}")
+    if np.isnat(middle):
         return start, None
-    middle = (np.nanmin(known) + np.nanmax(known)) / 2.0
-    offset = np.round(np.where(np.isfinite(known), known, middle)).astype("timedelta64[ns]")
-    return start + np.round(middle).astype("timedelta64[ns]"), start[:, None] + np.broadcast_to(offset, shape)
+    return start + middle, start[:, None] + np.broadcast_to(offset, shape)
+
+
+def _offsets(
+    cdf: CdfFile, name: str, frequency_mhz: npt.NDArray[Any]
+) -> tuple[npt.NDArray[np.timedelta64], np.timedelta64]:
+    """How long after the start of its sweep a sample was taken, and the middle of the sweep; NaT if none is known."""
+    elapsed_ns = cdf.numbers(name, cdf.dimensions(name)).astype(np.float64)
+    elapsed_ns *= ELAPSED_UNITS.get(cdf.attribute("UNITS", name).lower(), 1e9)
+    elapsed_ns = elapsed_ns if elapsed_ns.ndim == 1 else shared_channels(frequency_mhz, elapsed_ns, cdf.name)[1]
+    elapsed_ns[(elapsed_ns >= LONGEST_SWEEP_NS) | (elapsed_ns <= -LONGEST_SWEEP_NS)] = np.nan
+    if not np.isfinite(elapsed_ns).any():
+        return np.zeros(elapsed_ns.shape, "timedelta64[ns]"), np.timedelta64("NaT", "ns")
+    middle_ns = (np.nanmin(elapsed_ns) + np.nanmax(elapsed_ns)) / 2.0
+    elapsed_ns[np.isnan(elapsed_ns)] = middle_ns
+    return np.rint(elapsed_ns, out=elapsed_ns).astype("timedelta64[ns]"), np.timedelta64(round(middle_ns), "ns")

@@ -1,5 +1,7 @@
 """STEREO/WAVES CDFs: 1-minute averages of both spacecraft (level 2), and native cadence with directions (L3)."""
 
+from typing import Any
+
 import numpy as np
 import numpy.typing as npt
 import xarray as xr
@@ -59,10 +61,7 @@ def read_level2(cdf: CdfFile, receiver: str = "") -> tuple[xr.Dataset, ...]:
 def _level2_spacecraft(
     cdf: CdfFile, name: str, time: npt.NDArray[np.datetime64], frequency_mhz: np.ndarray
 ) -> xr.Dataset:
-    decibel, background = cdf.numbers(f"avg_intens_{name}", 2), cdf.numbers(f"background_{name}", 2)
-    if decibel.shape != background.shape:
-        raise InputError(f"{cdf.name}: background_{name} has another shape than avg_intens_{name}")
-    decibel[decibel == -background] = np.nan
+    decibel = _over_background(cdf, name)
     falls = np.flatnonzero(np.diff(frequency_mhz) < 0.0)
     bands = [slice(None, falls[0] + 1), slice(falls[0] + 1, None)] if falls.size else [slice(None)]
     receivers = ["LFR", "HFR"] if falls.size else ["LFR+HFR"]
@@ -76,6 +75,15 @@ def _level2_spacecraft(
         for receiver, band in zip(receivers, bands, strict=True)
     ]
     return combine_receivers(*parts) if len(parts) == 2 else parts[0]
+
+
+def _over_background(cdf: CdfFile, name: str) -> npt.NDArray[Any]:
+    decibel, background = cdf.numbers(f"avg_intens_{name}", 2), cdf.numbers(f"background_{name}", 2)
+    if decibel.shape != background.shape:
+        raise InputError(f"{cdf.name}: background_{name} has another shape than avg_intens_{name}")
+    background += decibel
+    decibel[background == 0.0] = np.nan
+    return decibel
 
 
 def read_l3(cdf: CdfFile, receiver: str) -> tuple[xr.Dataset, ...]:

@@ -64,8 +64,9 @@ def assemble_sweeps(
     when = np.full(shape, np.datetime64("NaT"), dtype="datetime64[ns]")
     when[row[::-1], column[::-1]] = time[::-1]  # from the back, so that the first of two visits stays
     centre = record_centres(row, time)
+    missing = np.isnat(when)
+    when[missing] = np.broadcast_to(centre[:, None], shape)[missing]
     extra = {name: _spread(array[order], row, column, shape) for name, array in values.items()}
-    when = np.where(np.isnat(when), centre[:, None], when)
     return assemble(origin, centre, channels, extra.pop("intensity"), {"sample_time": when, **extra})
 
 

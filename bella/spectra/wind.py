@@ -47,7 +47,7 @@ def read_h1(cdf: CdfFile, receiver: str = "") -> tuple[xr.Dataset, ...]:
 
 def _h1_receiver(cdf: CdfFile, receiver: str, time: np.ndarray) -> xr.Dataset:
     ratio = cdf.numbers(f"E_VOLTAGE_{receiver}", 2)
-    ratio[~(ratio > 0.0)] = np.nan
+    ratio[ratio <= 0.0] = np.nan
     background = cdf.numbers(f"Minimum_voltage_{receiver}", 2)[0]
     frequency_mhz = cdf.frequency_mhz(f"Frequency_{receiver}", "kHz")
     origin = Origin(OBSERVATORY, receiver, "voltage_ratio", cdf.name)
@@ -80,12 +80,12 @@ def read_l2(cdf: CdfFile, receiver: str) -> tuple[xr.Dataset, ...]:
     """
     variable = "PSD_V2_SP" if cdf.has_records("PSD_V2_SP") else "PSD_V2_Z"
     density = cdf.numbers(variable, 2)
-    density[~(density > 0.0)] = np.nan
+    density[density <= 0.0] = np.nan
     frequency_mhz, density = shared_channels(cdf.frequency_mhz("FREQUENCY", "Hz"), density, cdf.name)
     time = cdf.utc("Epoch")
     if frequency_mhz.size != density.shape[1]:
         raise InputError(f"{cdf.name}: {frequency_mhz.size} frequencies for {density.shape[1]} columns of {variable}")
-    visited = np.isfinite(frequency_mhz) & np.isfinite(density).any(axis=0)
+    visited = np.isfinite(frequency_mhz) & np.isfinite(np.fmax.reduce(density))
     if not visited.any():
         raise InputError(f"{cdf.name}: {variable} holds no data")
     origin = Origin(OBSERVATORY, receiver.upper(), "psd_v2_hz", cdf.name)
@@ -150,5 +150,9 @@ def read_l3_directions(cdf: CdfFile, receiver: str) -> tuple[xr.Dataset, ...]:
     values = {"intensity": cdf.numbers("STOKES_I", 1)}
     values |= {name: cdf.numbers(variable, 1) for name, variable in DIRECTIONS.items()}
     origin = Origin(OBSERVATORY, receiver.upper(), "flux_w_m2_hz", cdf.name)
-    sweep, frequency_mhz = cdf.numbers("SWEEP", 1), cdf.frequency_mhz("FREQUENCY", "kHz")
-    return (assemble_sweeps(origin, sweep, cdf.utc("Epoch"), frequency_mhz, values),)
+    # no names for what is not needed once it is in order
+    return (
+        assemble_sweeps(
+            origin, cdf.numbers("SWEEP", 1), cdf.utc("Epoch"), cdf.frequency_mhz("FREQUENCY", "kHz"), values
+        ),
+    )

@@ -194,7 +194,7 @@ def _walk_idl(content: bytes) -> None:
             raise ValueError("its records run in a circle")
         payload = content[position + 16 : following]
         if content[:4] == IDL_COMPRESSED:
-            payload = inflate(payload, left)
+            payload = bytes(inflate(payload, left))
             left -= len(payload)
         if kind == IDL_VARIABLE:
             _check_array(payload)

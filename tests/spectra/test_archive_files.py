@@ -1,5 +1,6 @@
 """Readers on real archive files: what is known of these days must come out."""
 
+import tracemalloc
 from pathlib import Path
 
 import numpy as np
@@ -118,3 +119,15 @@ def test_a_renamed_file_is_known_by_its_content(reference_files: Path, tmp_path:
     renamed.symlink_to(reference_files / WIND_H1)
 
     assert len(open_spectra(renamed)) == 3
+
+
+@pytest.mark.parametrize("name", [WIND_H1, STEREO, DIRECTIONS])
+def test_reading_takes_no_more_than_three_times_the_file(reference_files: Path, name: str) -> None:
+    path = reference_files / name
+    open_spectra(path)  # what is imported and kept on the first call is none of the file's
+    tracemalloc.start()
+    open_spectra(path)
+    peak_bytes = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+
+    assert peak_bytes < 3 * path.stat().st_size

@@ -41,6 +41,10 @@ def claim_all_records(content: bytearray) -> None:
     struct.pack_into(">i", content, first_variable(content) + 24, 2**31 - 2)
 
 
+def claim_one_more_record(content: bytearray) -> None:
+    struct.pack_into(">i", content, first_variable(content) + 24, len(UTC))
+
+
 def claim_a_huge_descriptor(content: bytearray) -> None:
     struct.pack_into(">q", content, first_variable(content), 2**40)
 
@@ -83,6 +87,7 @@ def point_beyond_the_end(content: bytearray) -> None:
     "damage",
     [
         claim_all_records,
+        claim_one_more_record,
         claim_a_huge_descriptor,
         claim_a_negative_descriptor,
         let_variables_run_in_a_circle,
@@ -185,6 +190,19 @@ def test_a_file_of_unknown_identity_under_a_known_name_is_refused(tmp_path: Path
 def test_a_compressed_bomb_is_not_blown_up() -> None:
     with pytest.raises(ValueError, match="holds more than 1000 bytes"):
         inflate(gzip.compress(bytes(10**7)), 1000)
+
+
+def test_what_is_inflated_in_pieces_is_whole() -> None:
+    content = np.random.default_rng(3).bytes(200_001)
+    packed = gzip.compress(content)
+
+    assert inflate(packed, len(content)) == content
+    assert inflate(packed + b"more", len(content)) == content
+    for piece, reason in ((packed[:-1], "cut short"), (packed[:70_000], "cut short")):
+        with pytest.raises(ValueError, match=reason):
+            inflate(piece, len(content))
+    with pytest.raises(ValueError, match="holds more than 200000 bytes"):
+        inflate(packed, len(content) - 1)
 
 
 def test_a_whole_compressed_file_is_read(wind_l2: Path) -> None:
