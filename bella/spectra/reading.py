@@ -2,17 +2,12 @@
 
 from pathlib import Path
 
-import numpy as np
-import xarray as xr
-
 from bella.exceptions import InputError
-from bella.spectra.bounded import INFLATED_BYTES, reading
 from bella.spectra.cdf import MAGIC, CdfFile, open_cdf
-from bella.spectra.dynamic_spectrum import validate_spectrum
+from bella.spectra.cf_files import ZARR_MARKS, open_cf
 from bella.spectra.products import Product, Spectra, find_product
 
 HDF5, NETCDF3, IDL = b"\x89HDF", b"CDF", b"SR\x00"
-ZARR_MARKS = ("zarr.json", ".zgroup", ".zmetadata")
 CONTAINERS = {"cdf": "a CDF", "idl": "an IDL save set", "binary": "a binary", "text": "a table", "cf": "netCDF"}
 
 
@@ -40,7 +35,7 @@ def open_spectra(path: str | Path) -> Spectra:
     """
     path = Path(path)
     if path.is_dir() and any((path / mark).is_file() for mark in ZARR_MARKS):
-        return _open_cf(path, "zarr")
+        return open_cf(path, "zarr")
     if not path.is_file():
         raise InputError(f"{path} is no file and no Zarr group: check the name")
     head = _head(path)
@@ -49,7 +44,7 @@ def open_spectra(path: str | Path) -> Spectra:
     if head.startswith(MAGIC):
         return _open_archive_cdf(path)
     if head.startswith((HDF5, NETCDF3)):
-        return _open_cf(path, "h5netcdf" if head.startswith(HDF5) else "scipy")
+        return open_cf(path, "h5netcdf" if head.startswith(HDF5) else "scipy")
     return _open_other(path, head)
 
 
@@ -98,19 +93,3 @@ def _open_other(path: Path, head: bytes) -> Spectra:
     if product.container == "cdf" or (product.container == "idl") != head.startswith(IDL):
         raise InputError(f"{path} is named after {product.name}, but is not {CONTAINERS[product.container]}")
     return product.read(path, receiver)  # type: ignore[misc]
-
-
-def _open_cf(path: Path, engine: str) -> Spectra:
-    """Spectra of a netCDF file or Zarr store, loaded only once it is known how large they are."""
-    with reading(str(path), "netCDF or Zarr"), xr.open_datatree(path, engine=engine) as tree:
-        nodes = [node for node in tree.subtree if "intensity" in node.data_vars]
-        if not nodes:
-            raise InputError(f"{path} is not a dynamic spectrum: add the variable 'intensity'")
-        if sum(node.to_dataset().nbytes for node in nodes) > INFLATED_BYTES:
-            raise InputError(f"{path} holds more than {INFLATED_BYTES >> 20} MiB: divide it into days")
-        return tuple(_loaded(node.to_dataset(inherit=False), f"{path}{node.path.rstrip('/')}") for node in nodes)
-
-
-def _loaded(stored: xr.Dataset, source: str) -> xr.Dataset:
-    spectrum = validate_spectrum(stored.load(), source)
-    return spectrum.assign(intensity=spectrum["intensity"].astype(np.float32, keep_attrs=True))
