@@ -21,8 +21,8 @@ METADATA_BYTES, STORED_FILES = 1 << 20, 100_000
 """Largest description of a Zarr group, and most files in a store; a day has a few kilobytes in a few dozen."""
 
 PROBE = Path(__file__).with_name("hdf5_probe.py")
-PROBE_S = 60.0
-"""Longest that a file may be looked at, s of wall clock; the probe's processor time is limited by itself."""
+PROBE_CPU_S, PROBE_S = 5, 60.0
+"""Longest that a file may be looked at, s of the processor and of wall clock."""
 
 
 def open_cf(path: Path, engine: str) -> tuple[xr.Dataset, ...]:
@@ -59,20 +59,22 @@ def open_cf(path: Path, engine: str) -> tuple[xr.Dataset, ...]:
             return tuple(_loaded(group, f"{path}{name}") for name, group in chosen.items())
 
 
-def check_hdf5(path: Path) -> None:
+def check_hdf5(path: Path, cpu_s: int = PROBE_CPU_S) -> None:
     """Read a file in a process of its own, where the HDF5 library may hang or crash without harm.
 
     Parameters
     ----------
     path : pathlib.Path
         HDF5 file.
+    cpu_s : int
+        Longest it may take, s of the processor.
 
     Raises
     ------
     ValueError
         If it cannot be read, or not in bounded time and memory.
     """
-    command = [sys.executable, "-I", os.fspath(PROBE), os.fspath(path.absolute())]
+    command = [sys.executable, "-I", os.fspath(PROBE), os.fspath(path.absolute()), str(cpu_s)]
     try:
         done = subprocess.run(  # noqa: S603 - see above
             command, stdin=subprocess.DEVNULL, capture_output=True, timeout=PROBE_S, check=False

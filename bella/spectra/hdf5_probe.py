@@ -10,7 +10,7 @@ import sys
 
 import h5py
 
-CPU_S, MEMORY_BYTES = 5, 3 << 30
+MEMORY_BYTES = 3 << 30
 LARGEST_BYTES = 256 << 20
 
 
@@ -63,7 +63,7 @@ def _limit(kind: int, most: int) -> None:
 
 if __name__ == "__main__":
     _limit(resource.RLIMIT_CORE, 0)
-    _limit(resource.RLIMIT_CPU, CPU_S)
+    _limit(resource.RLIMIT_CPU, int(sys.argv[2]))
     _limit(resource.RLIMIT_AS, MEMORY_BYTES)
     try:
         probe(sys.argv[1])

@@ -1,5 +1,6 @@
 """Damaging files, and telling how a reader takes it."""
 
+import shutil
 import time
 import tracemalloc
 from collections.abc import Iterator
@@ -52,6 +53,34 @@ def mutations(content: bytes, random: np.random.Generator) -> Iterator[bytes]:
         if random.random() < 0.1:
             del damaged[int(random.integers(len(damaged))) :]
         yield bytes(damaged)
+
+
+def damaged_copies(original: Path, folder: Path, random: np.random.Generator) -> Iterator[Path]:
+    """Damaged versions of a file, or of a store of which one file is damaged, each in place of the last."""
+    copy = folder / original.name
+    if original.is_file():
+        for content in mutations(original.read_bytes(), random):
+            copy.write_bytes(content)
+            yield copy
+    files = sorted(path for path in original.rglob("*") if path.is_file())
+    versions = [mutations(path.read_bytes(), random) for path in files]
+    while True:
+        shutil.rmtree(copy, ignore_errors=True)
+        shutil.copytree(original, copy)
+        chosen = int(random.integers(len(files)))
+        place = copy / files[chosen].relative_to(original)
+        is_described = files[chosen].suffix == ".json" and random.random() < 0.5
+        place.write_bytes(with_another_number(place.read_bytes(), random) if is_described else next(versions[chosen]))
+        yield copy
+
+
+def with_another_number(content: bytes, random: np.random.Generator) -> bytes:
+    """A description in which a digit became a number of up to twelve more."""
+    places = [place for place, byte in enumerate(content) if byte in b"0123456789"]
+    if not places:
+        return content
+    chosen = places[int(random.integers(len(places)))]
+    return content[:chosen] + str(10 ** int(random.integers(13))).encode() + content[chosen + 1 :]
 
 
 def structural(content: bytes) -> np.ndarray:

@@ -1,18 +1,22 @@
 """Damaged, cut and mistaken files end in one line that names file and reason, quickly and in little memory."""
 
 import gzip
+import re
 import struct
 import zlib
 from collections.abc import Callable
 from pathlib import Path
 
+import h5py
 import numpy as np
 import pytest
+import xarray as xr
 
 from bella.exceptions import InputError
 from bella.simulation import archive_files
 from bella.spectra import open_spectra
 from bella.spectra.bounded import BoundedStream, inflate
+from bella.spectra.cf_files import check_hdf5
 from tests.fuzz.damage import attempt
 from tests.spectra import written
 
@@ -258,6 +262,74 @@ def test_a_cdf_of_another_product_under_the_name_of_a_binary_is_refused(wind_l2:
 
     with pytest.raises(InputError, match=r"named after Wind/WAVES 60 s, but holds Wind/WAVES L2 rad1"):
         open_spectra(other)
+
+
+@pytest.fixture
+def general(wind_l2: Path) -> xr.Dataset:
+    return open_spectra(wind_l2)[0]
+
+
+def test_a_file_on_which_the_hdf5_library_hangs_is_refused(tmp_path: Path, general: xr.Dataset) -> None:
+    path = tmp_path / "hangs.nc"
+    general.to_netcdf(path, engine="h5netcdf")
+    content = bytearray(path.read_bytes())
+    heap = content.index(b"GCOL")
+    struct.pack_into("<q", content, heap + 24, -16)  # size of an object, with which the next begins where it does
+    path.write_bytes(content)
+
+    with pytest.raises(ValueError, match="hangs or crashes on it"):
+        check_hdf5(path, cpu_s=1)
+
+
+def test_hdf5_that_claims_too_much_is_refused(tmp_path: Path) -> None:
+    with h5py.File(tmp_path / "large.nc", "w") as file:
+        file.create_dataset("intensity", shape=(10**6, 10**6), chunks=(10, 10), dtype="f4")
+
+    outcome = attempt(tmp_path / "large.nc", memory=True)
+
+    assert "variable 'intensity' claims 4000000000000 bytes" in outcome.message
+    assert outcome.peak_bytes < PEAK_BYTES
+
+
+def test_hdf5_of_large_chunks_is_refused(tmp_path: Path) -> None:
+    with h5py.File(tmp_path / "chunks.nc", "w") as file:
+        file.create_dataset("intensity", shape=(2, 2), maxshape=(None, None), chunks=(10**4, 10**4), dtype="f4")
+
+    assert "claims 400000000 bytes" in attempt(tmp_path / "chunks.nc").message
+
+
+@pytest.mark.parametrize("key", ["shape", "chunk_shape"])
+def test_zarr_that_claims_too_much_is_refused(tmp_path: Path, general: xr.Dataset, key: str) -> None:
+    path = tmp_path / "large.zarr"
+    general.to_zarr(path, zarr_format=3, consolidated=False)
+    described = path / "intensity" / "zarr.json"
+    content = re.sub(rf'"{key}": \[[^]]*\]', f'"{key}": [1000000, 1000000]', described.read_text())
+    assert content != described.read_text()
+    described.write_text(content)
+
+    outcome = attempt(path, memory=True)
+
+    assert outcome.message.startswith(str(path))
+    assert "\n" not in outcome.message
+    assert outcome.peak_bytes < PEAK_BYTES
+
+
+def test_zarr_of_endless_descriptions_is_refused(tmp_path: Path, general: xr.Dataset) -> None:
+    path = tmp_path / "wordy.zarr"
+    general.assign_attrs(history="x" * (2 << 20)).to_zarr(path, zarr_format=3)
+
+    assert "zarr.json has more than 1 MiB" in attempt(path).message
+
+
+@pytest.mark.parametrize("engine", ["h5netcdf", "scipy"])
+@pytest.mark.parametrize("share", [0.1, 0.6, 0.95])
+def test_netcdf_cut_short_is_refused(tmp_path: Path, general: xr.Dataset, engine: str, share: float) -> None:
+    path = tmp_path / "cut.nc"
+    general.assign_attrs(source_files="a.cdf").to_netcdf(path, engine=engine)
+    content = path.read_bytes()
+    path.write_bytes(content[: int(share * len(content))])
+
+    assert attempt(path).message.startswith(f"{path} cannot be read as netCDF or Zarr")
 
 
 def test_a_stream_gives_no_more_than_the_file_has(tmp_path: Path) -> None:

@@ -313,7 +313,13 @@ def test_solo_l3_adds_the_offset_of_the_channel(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    "store", [lambda s, path: s.to_netcdf(path, engine="h5netcdf"), lambda s, path: s.to_zarr(path, zarr_format=3)]
+    "store",
+    [
+        lambda s, path: s.to_netcdf(path, engine="h5netcdf"),
+        lambda s, path: s.assign_attrs(source_files="a.cdf").to_netcdf(path, engine="scipy"),
+        lambda s, path: s.to_zarr(path, zarr_format=3),
+        lambda s, path: s.to_zarr(path, zarr_format=2),
+    ],
 )
 def test_the_documented_form_of_any_instrument_is_read(tmp_path: Path, store: Callable[..., object]) -> None:
     utc = START + np.arange(20) * 56 * SECOND
@@ -326,6 +332,7 @@ def test_the_documented_form_of_any_instrument_is_read(tmp_path: Path, store: Ca
 
     xr.testing.assert_equal(again, spectrum)
     assert again.attrs["observatory"] == "JUICE"
+    assert again["intensity"].dtype == np.float32
 
 
 @pytest.mark.parametrize(
