@@ -80,7 +80,8 @@ def read_l2(cdf: CdfFile, receiver: str) -> tuple[xr.Dataset, ...]:
     """
     variable = "PSD_V2_SP" if cdf.has_records("PSD_V2_SP") else "PSD_V2_Z"
     density = cdf.numbers(variable, 2)
-    density[density <= 0.0] = np.nan
+    for part in np.array_split(density, 16):
+        part[part <= 0.0] = np.nan
     frequency_mhz, density = shared_channels(cdf.frequency_mhz("FREQUENCY", "Hz"), density, cdf.name)
     time = cdf.utc("Epoch")
     if frequency_mhz.size != density.shape[1]:

@@ -6,6 +6,7 @@ import struct
 import zlib
 from collections.abc import Callable
 from pathlib import Path
+from typing import Literal
 
 import h5py
 import numpy as np
@@ -323,7 +324,9 @@ def test_zarr_of_endless_descriptions_is_refused(tmp_path: Path, general: xr.Dat
 
 @pytest.mark.parametrize("engine", ["h5netcdf", "scipy"])
 @pytest.mark.parametrize("share", [0.1, 0.6, 0.95])
-def test_netcdf_cut_short_is_refused(tmp_path: Path, general: xr.Dataset, engine: str, share: float) -> None:
+def test_netcdf_cut_short_is_refused(
+    tmp_path: Path, general: xr.Dataset, engine: Literal["h5netcdf", "scipy"], share: float
+) -> None:
     path = tmp_path / "cut.nc"
     general.assign_attrs(source_files="a.cdf").to_netcdf(path, engine=engine)
     content = path.read_bytes()
