@@ -12,6 +12,7 @@ import numpy as np
 import pandas as pd
 
 from bella.bursts.detection import (
+    APART_RECORDS,
     CATALOGUED,
     GROUP,
     Candidate,
@@ -145,7 +146,13 @@ def association_table(bursts: Sequence[AssociatedBurst], searched: Sequence[Sear
         for burst in bursts
         for member in burst.members
     ]
-    rows += [detection_row(spectrum, one) for spectrum in searched for one in spectrum.found if one.reason]
+    taken = {(member.searched.observatory, member.candidate.record) for burst in bursts for member in burst.members}
+    rows += [
+        detection_row(spectrum, one)
+        for spectrum in searched
+        for one in spectrum.found
+        if one.reason and not _is_taken(taken, spectrum.observatory, one)
+    ]
     return detection_table(rows).sort_values(["start_utc", "observatory"], ignore_index=True)
 
 
@@ -160,9 +167,14 @@ def _heard_by(other: Searched, members: Sequence[Member], taken: set[tuple[str, 
     fitting = [one for one in free if all(_may_be_same(other, one, member) for member in members)]
     if not fitting:
         fitting = [one for one in _seeded(other, members[0]) if all(_may_be_same(other, one, m) for m in members)]
-        fitting = [one for one in fitting if (other.observatory, one.record) not in taken]
+        fitting = [one for one in fitting if not _is_taken(taken, other.observatory, one)]
     best = sorted(fitting, key=lambda one: -one.score)[:1]
     return [Member(other, one, why_not_alone(other, one)) for one in best]
+
+
+def _is_taken(taken: set[tuple[str, int]], observatory: str, one: Candidate) -> bool:
+    """Whether another burst has a member within the minutes that count as one maximum."""
+    return any((observatory, one.record + apart) in taken for apart in range(-APART_RECORDS, APART_RECORDS + 1))
 
 
 def _may_be_same(other: Searched, one: Candidate, member: Member) -> bool:
