@@ -26,6 +26,7 @@ from bella.bursts.detection import (
 from bella.bursts.identity import burst_id
 from bella.bursts.matched_filter import BEAM_SPEEDS_C
 from bella.bursts.search_grid import FREQUENCY_MHZ, STEP_S
+from bella.exceptions import InputError, NoDataError
 from bella.spacecraft import position_hee
 from bella.units import C_RSUN_S, FloatArray
 
@@ -107,8 +108,8 @@ def associate(searched: Sequence[Searched]) -> list[AssociatedBurst]:
 
     Raises
     ------
-    NoDataError
-        If the ephemeris does not have a spacecraft.
+    InputError, NoDataError
+        If the ephemeris does not have a spacecraft (:func:`has_position`).
     """
     free = [(one, spectrum) for spectrum in searched for one in spectrum.found if not one.reason]
     free.sort(key=lambda pair: -pair[0].score)
@@ -126,14 +127,32 @@ def associate(searched: Sequence[Searched]) -> list[AssociatedBurst]:
     return sorted(bursts, key=lambda burst: burst.start_utc)
 
 
+def has_position(searched: Searched) -> bool:
+    """Whether the ephemeris knows where the spacecraft of a spectrum was: others cannot be compared.
+
+    Parameters
+    ----------
+    searched : Searched
+
+    Returns
+    -------
+    bool
+    """
+    try:
+        _position_rsun(searched.observatory, searched.grid.start)
+    except (InputError, NoDataError):
+        return False
+    return True
+
+
 def association_table(bursts: Sequence[AssociatedBurst], searched: Sequence[Searched]) -> pd.DataFrame:
-    """Detections of all spacecraft with the burst they belong to, and those refused.
+    """Detections of all spacecraft with the burst they belong to, and those refused or not compared.
 
     Parameters
     ----------
     bursts : sequence of AssociatedBurst
     searched : sequence of Searched
-        What the bursts were found in.
+        What the bursts were found in, and any other.
 
     Returns
     -------
@@ -151,7 +170,7 @@ def association_table(bursts: Sequence[AssociatedBurst], searched: Sequence[Sear
         detection_row(spectrum, one)
         for spectrum in searched
         for one in spectrum.found
-        if one.reason and not _is_taken(taken, spectrum.observatory, one)
+        if not _is_taken(taken, spectrum.observatory, one)
     ]
     return detection_table(rows).sort_values(["start_utc", "observatory"], ignore_index=True)
 
@@ -187,8 +206,12 @@ def _may_be_same(other: Searched, one: Candidate, member: Member) -> bool:
 
 
 def _window_s(first: str, second: str, utc: np.datetime64) -> float:
-    there = [position_hee(name, np.array([utc]), utc)[0] for name in (first, second)]
-    return float(np.linalg.norm(there[0] - there[1]) / C_RSUN_S) + SLACK_S
+    apart_rsun = np.linalg.norm(_position_rsun(first, utc) - _position_rsun(second, utc))
+    return float(apart_rsun / C_RSUN_S) + SLACK_S
+
+
+def _position_rsun(observatory: str, utc: np.datetime64) -> FloatArray:
+    return position_hee(observatory, np.array([utc]), utc)[0]
 
 
 def _seeded(other: Searched, member: Member) -> list[Candidate]:
@@ -227,7 +250,7 @@ def _why_not_localisable(members: Sequence[Member]) -> str:
     if np.median([member.candidate.drift for member in alone]) <= SLOWEST:
         return "not localisable: drifts too slowly for a beam"
     utc = members[0].searched.grid.start
-    where = np.array([position_hee(one.searched.observatory, np.array([utc]), utc)[0] for one in alone])
+    where = np.array([_position_rsun(one.searched.observatory, utc) for one in alone])
     if _spread_rsun(where) < LEAST_SPREAD_RSUN:
         return "not localisable: spacecraft on a line"
     return ""

@@ -13,15 +13,16 @@ from bella.simulation.nuisances import Nuisance
 from bella.simulation.sky import Conditions, Gain, Sky
 from benchmarks.detection import FLEET, spectrum_of
 
-DAY = date(2021, 11, 20)
-MIDNIGHT = np.datetime64(DAY, "ns")
-HOUR = np.timedelta64(3600, "s")
+DAY = date(2021, 2, 10)
+IN_LINE = date(2021, 11, 20)
+"""Wind, STEREO-A and Solar Orbiter are nearly on one line."""
+
 GAPS = tuple[tuple[float, float], ...]
 
 
-def burst_at(hour: float, **parameters: float) -> SimulatedBurst:
+def burst_at(hour: float, day: date = DAY, **parameters: float) -> SimulatedBurst:
     """A bright broad burst that every spacecraft hears."""
-    release = MIDNIGHT + np.timedelta64(round(hour * 3600), "s")
+    release = np.datetime64(day, "ns") + np.timedelta64(round(hour * 3600), "s")
     bright: dict[str, float] = {"f_low_mhz": 0.2, "f_high_mhz": 12.0, "contrast": 100.0, "taper": 0.3}
     return SimulatedBurst(release, **(bright | parameters))
 
@@ -34,12 +35,13 @@ def sky(
     storm: Sequence[SimulatedBurst] = (),
 ) -> Sky:
     """A day on which all spacecraft have the same trouble."""
-    return Sky(DAY, tuple(bursts), tuple(storm), dict.fromkeys(FLEET, Conditions(nuisances, gaps_s, gain)))
+    day = bursts[0].release_utc.astype("datetime64[D]").item() if bursts else DAY
+    return Sky(day, tuple(bursts), tuple(storm), dict.fromkeys(FLEET, Conditions(nuisances, gaps_s, gain)))
 
 
-def recorded(observatory: str, what: Sky, day: date = DAY) -> xr.Dataset:
-    """Spectrum of a spacecraft-day."""
-    return spectrum_of(observatory, day, [what], 1)
+def recorded(observatory: str, what: Sky, day: date | None = None) -> xr.Dataset:
+    """Spectrum of a spacecraft-day, by default that of the sky."""
+    return spectrum_of(observatory, day or what.day, [what], 1)
 
 
 def accepted(spectrum: xr.Dataset) -> pd.DataFrame:
