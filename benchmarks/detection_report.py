@@ -1,7 +1,7 @@
 """What docs/detection.md says about the search and the comparison of spacecraft: counts of every simulated day.
 
-``python -m benchmarks.detection_report docs 80 2001`` writes ``detection.csv`` and ``association.csv`` into a folder, and
-prints the tables that follow from them.
+``python -m benchmarks.detection_report docs 80 2001`` writes ``detection.csv`` and ``association.csv`` into a folder,
+and prints the tables that follow from them.
 """
 
 import csv

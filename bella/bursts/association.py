@@ -211,7 +211,7 @@ def _window_s(first: str, second: str, utc: np.datetime64) -> float:
 
 
 def _position_rsun(observatory: str, utc: np.datetime64) -> FloatArray:
-    return position_hee(observatory, np.array([utc]), utc)[0]
+    return np.asarray(position_hee(observatory, np.array([utc]), utc)[0])
 
 
 def _seeded(other: Searched, member: Member) -> list[Candidate]:

@@ -17,6 +17,7 @@ DAY = date(2021, 2, 10)
 IN_LINE = date(2021, 11, 20)
 """Wind, STEREO-A and Solar Orbiter are nearly on one line."""
 
+STEADY = Gain()
 GAPS = tuple[tuple[float, float], ...]
 
 
@@ -31,7 +32,7 @@ def sky(
     bursts: Sequence[SimulatedBurst] = (),
     nuisances: tuple[Nuisance, ...] = (),
     gaps_s: GAPS = (),
-    gain: Gain = Gain(),
+    gain: Gain = STEADY,
     storm: Sequence[SimulatedBurst] = (),
 ) -> Sky:
     """A day on which all spacecraft have the same trouble."""

@@ -113,9 +113,7 @@ def test_a_burst_heard_late_and_low_is_looked_for_where_another_spacecraft_heard
 
 def assert_each_detection_once(found: list[Searched], bursts: list[AssociatedBurst]) -> None:
     """Every accepted detection is in exactly one burst, and no maximum is a member twice or a member and refused."""
-    members = [
-        (member.searched.observatory, member.candidate.record) for burst in bursts for member in burst.members
-    ]
+    members = [(member.searched.observatory, member.candidate.record) for burst in bursts for member in burst.members]
     accepted = {(one.observatory, each.record) for one in found for each in one.found if not each.reason}
     assert len(set(members)) == len(members)
     assert accepted <= set(members)

@@ -1,7 +1,6 @@
 """Bursts in the spectrum of one spacecraft: what must be found, what must not, and what may not matter."""
 
 from collections.abc import Callable
-from collections.abc import Callable
 from datetime import date
 from pathlib import Path
 
