@@ -15,6 +15,8 @@ from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
 from rich.table import Table
 
+from bella.cli_arrivals import EPILOG as ARRIVALS_EPILOG
+from bella.cli_arrivals import arrivals
 from bella.cli_calibration import EPILOG as CALIBRATE_EPILOG
 from bella.cli_calibration import calibrate
 from bella.cli_coverage import EPILOG as COVERAGE_EPILOG
@@ -57,6 +59,7 @@ app.command(epilog=EPHEMERIS_EPILOG)(ephemeris)
 app.command("update-ephemeris", epilog=UPDATE_EPILOG)(update_ephemeris)
 app.command(epilog=FORMATS_EPILOG)(formats)
 app.command(epilog=DETECT_EPILOG)(detect)
+app.command(epilog=ARRIVALS_EPILOG)(arrivals)
 app.command(epilog=FETCH_EPILOG)(fetch)
 app.command(epilog=SIMULATE_EPILOG)(simulate)
 

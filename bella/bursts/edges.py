@@ -87,4 +87,3 @@ def _edges(method: str, time_s: FloatArray, spectrum: xr.Dataset) -> list[Edge]:
     if method == "half_maximum":
         return [half_maximum_edge(times, column, cadence_s) for times, column in light_curves]
     return [gauss_hermite_edge(times, column) for times, column in light_curves]
-
