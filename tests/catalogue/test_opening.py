@@ -25,7 +25,7 @@ def execute(database_url: str, statement: str) -> None:
 def test_a_new_catalogue_is_empty_and_at_the_newest_revision(database_url: str) -> None:
     with Catalogue.open(database_url, create=True) as catalogue:
         catalogue.ping()
-        assert catalogue.revision() == "0001"
+        assert catalogue.revision() == "0002"
         assert catalogue.bursts(BurstQuery()).bursts == ()
 
 
