@@ -5,7 +5,7 @@ Read by the command line, the flows, the API and the migrations only; the scienc
 
 from pathlib import Path
 
-from pydantic import Field, PositiveFloat, PositiveInt
+from pydantic import Field, NonNegativeInt, PositiveFloat, PositiveInt
 from pydantic_settings import BaseSettings, SettingsConfigDict
 
 
@@ -30,6 +30,14 @@ class Settings(BaseSettings):
         default=300.0, description="Time after which a run that has shown no sign of life counts as dead, s."
     )
     schedule_s: PositiveFloat = Field(default=300.0, description="Interval of the scheduled deployment, s.")
+    recent_days: NonNegativeInt = Field(
+        default=0,
+        description="Days before today that the schedule fetches and processes again where files are new; 0 for none. "
+        "The last spacecraft's data come after four months.",
+    )
+    recent_schedule_s: PositiveFloat = Field(
+        default=21_600.0, description="Interval at which the days before today are looked at, s."
+    )
     draws: PositiveInt = Field(default=4000, description="Posterior draws kept per frequency.")
     seed: int = Field(default=20120607, description="Seed of the posterior draws; stored with every solution.")
 

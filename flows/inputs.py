@@ -91,8 +91,8 @@ def _built_in_event() -> BurstInput:
     arrivals = {"gauss_hermite": published_arrivals(), "half_maximum": half_maximum_arrivals()}
     burst = Burst(
         EVENT.burst_id,
-        _aware(EVENT.start_utc),
-        _aware(EVENT.stop_utc),
+        aware(EVENT.start_utc),
+        aware(EVENT.stop_utc),
         EVENT.low_mhz,
         EVENT.high_mhz,
         EVENT.observatories,
@@ -103,7 +103,7 @@ def _built_in_event() -> BurstInput:
 
 def _event_sources() -> tuple[SourceFile, ...]:
     """Resource files of the package that the built-in event is read from."""
-    day = _aware(EVENT.start_utc).date()
+    day = aware(EVENT.start_utc).date()
     rooms = ("bella.bursts", "bella.spectra")
     files = [file for room in rooms for file in resources.files(room).iterdir() if file.name.endswith((".csv", ".nc"))]
     return tuple(
@@ -127,8 +127,8 @@ def _submission(sha256: str, table: Path) -> BurstInput:
     frequency = arrivals["frequency_mhz"]
     burst = Burst(
         burst_id(start),
-        _aware(start),
-        _aware(stop),
+        aware(start),
+        aware(stop),
         float(frequency.min()),
         float(frequency.max()),
         tuple(dict.fromkeys(arrivals["observatory"])),
@@ -138,10 +138,21 @@ def _submission(sha256: str, table: Path) -> BurstInput:
     return BurstInput(burst, {edge: arrivals}, {edge: arrivals}, None, (source,))
 
 
-def _aware(time: np.datetime64) -> datetime:
+def aware(time: np.datetime64) -> datetime:
+    """A time with the zone UTC, to the millisecond.
+
+    Parameters
+    ----------
+    time : numpy.datetime64
+        UTC.
+
+    Returns
+    -------
+    datetime.datetime
+    """
     stamp: datetime = pd.Timestamp(time).floor("ms").to_pydatetime()
     return stamp.replace(tzinfo=UTC)
 
 
 def _day(time: np.datetime64) -> date:
-    return _aware(time).date()
+    return aware(time).date()

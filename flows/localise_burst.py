@@ -19,7 +19,7 @@ from prefect.tasks import Task
 import bella
 from bella.arrivals import locate_receivers
 from bella.bursts.event import EVENT
-from bella.catalogue import Catalogue, Series, Solution
+from bella.catalogue import Catalogue, Lease, Series, Solution
 from bella.exceptions import BellaError
 from bella.multilateration import localise
 from bella.plotting import TrackView, edge_name, write_constellation_png, write_spectra_png
@@ -35,6 +35,15 @@ log = structlog.get_logger(__name__)
 STAGE = "localise"
 P = ParamSpec("P")
 R = TypeVar("R")
+
+
+@dataclass(frozen=True)
+class Choice:
+    """How a burst is localised."""
+
+    method: str
+    preset: str
+    dimensions: int
 
 
 @dataclass(frozen=True)
@@ -168,16 +177,44 @@ def localise_burst(
     ):
         sweep(settings.store_root, catalogue.referenced_paths(), settings.lease_s)
         given = load(subject, settings)
-        spectra_path = store_spectra(given.spectra, given.burst, catalogue, settings)
-        given = replace(given, burst=replace(given.burst, spectra_path=spectra_path))
-        outcomes = []
-        for edge in given.arrivals:
-            lease.renew(settings.lease_s)
-            outcomes.append(_outcome(given, Series(edge, method, preset, dimensions), catalogue, settings))
-        if not all(is_drawn(figure, outcomes) for figure in figure_paths(given, outcomes, settings)):
-            draw(given, outcomes, settings)
-        create_table_artifact(key=given.burst.burst_id.lower(), table=[summary_row(one) for one in outcomes])
-        return outcomes
+        return localise_given(given, Choice(method, preset, dimensions), catalogue, settings, lease)
+
+
+def localise_given(
+    given: BurstInput, choice: Choice, catalogue: Catalogue, settings: Settings, lease: Lease
+) -> list[Outcome]:
+    """Localise a burst with every definition of its edge, publish what is new, and draw it.
+
+    Parameters
+    ----------
+    given : BurstInput
+    choice : Choice
+    catalogue : Catalogue
+    settings : Settings
+    lease : Lease
+        Held on the burst or its subject; it is renewed before each solution.
+
+    Returns
+    -------
+    list of Outcome
+        One per definition of the edge.
+
+    Raises
+    ------
+    BellaError
+        What went wrong, in one line.
+    """
+    spectra_path = store_spectra(given.spectra, given.burst, catalogue, settings)
+    given = replace(given, burst=replace(given.burst, spectra_path=spectra_path))
+    outcomes = []
+    for edge in given.arrivals:
+        lease.renew(settings.lease_s)
+        series = Series(edge, choice.method, choice.preset, choice.dimensions)
+        outcomes.append(_outcome(given, series, catalogue, settings))
+    if not all(is_drawn(figure, outcomes) for figure in figure_paths(given, outcomes, settings)):
+        draw(given, outcomes, settings)
+    create_table_artifact(key=given.burst.burst_id.lower(), table=[summary_row(one) for one in outcomes])
+    return outcomes
 
 
 def _outcome(given: BurstInput, series: Series, catalogue: Catalogue, settings: Settings) -> Outcome:

@@ -60,6 +60,16 @@ class Member:
     company: str
     """Why it is not isolated; empty if it is."""
 
+    @property
+    def unfit(self) -> str:
+        """Why the spacecraft does not help to place the burst; empty if it does."""
+        return self.company or ("weak" if self.candidate.score < WEAK_SCORE else "")
+
+    @property
+    def fits(self) -> bool:
+        """Whether the spacecraft helps to place the burst."""
+        return not self.unfit
+
 
 @dataclass(frozen=True)
 class AssociatedBurst:
@@ -237,10 +247,10 @@ def _judged(members: Sequence[Member]) -> AssociatedBurst:
 
 
 def _why_not_localisable(members: Sequence[Member]) -> str:
-    company = {member.searched.observatory: _unfit(member) for member in members if _unfit(member)}
+    company = {member.searched.observatory: member.unfit for member in members if not member.fits}
     if GROUP in company.values():
         return f"not localisable: {GROUP}"
-    alone = [member for member in members if member.searched.observatory not in company]
+    alone = [member for member in members if member.fits]
     if len(alone) < FEWEST_SPACECRAFT:
         rest = "".join(f", {why} at {name}" for name, why in company.items())
         return f"not localisable: heard by {len(members)} of {FEWEST_SPACECRAFT} spacecraft{rest}"
@@ -254,11 +264,6 @@ def _why_not_localisable(members: Sequence[Member]) -> str:
     if _spread_rsun(where) < LEAST_SPREAD_RSUN:
         return "not localisable: spacecraft on a line"
     return ""
-
-
-def _unfit(member: Member) -> str:
-    """Why a spacecraft does not help to place a burst; empty if it does."""
-    return member.company or ("weak" if member.candidate.score < WEAK_SCORE else "")
 
 
 def _spread_rsun(where_rsun: FloatArray) -> float:
