@@ -162,7 +162,7 @@ def association_table(bursts: Sequence[AssociatedBurst], searched: Sequence[Sear
     ----------
     bursts : sequence of AssociatedBurst
     searched : sequence of Searched
-        What the bursts were found in, and any other.
+        What the bursts were found in, and those that :func:`has_position` keeps from it.
 
     Returns
     -------
@@ -176,12 +176,10 @@ def association_table(bursts: Sequence[AssociatedBurst], searched: Sequence[Sear
         for member in burst.members
     ]
     taken = {(member.searched.observatory, member.candidate.record) for burst in bursts for member in burst.members}
-    rows += [
-        detection_row(spectrum, one)
-        for spectrum in searched
-        for one in spectrum.found
-        if not _is_taken(taken, spectrum.observatory, one)
-    ]
+    for spectrum in searched:
+        is_compared = has_position(spectrum)
+        alone = [one for one in spectrum.found if not _is_taken(taken, spectrum.observatory, one)]
+        rows += [detection_row(spectrum, one) for one in alone if one.reason or not is_compared]
     return detection_table(rows).sort_values(["start_utc", "observatory"], ignore_index=True)
 
 
