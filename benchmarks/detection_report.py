@@ -37,7 +37,8 @@ def counts_of(day: date, seed: int) -> tuple[list[Counts], Counts]:
     ]
     tally = association.Tally()
     association.add_day(tally, skies[1], associate([search(one) for one in spectra.values()]))
-    return rows, {"day": day.isoformat()} | {key: str(value) for key, value in asdict(tally).items()}
+    counts = {"storm_bursts": len(skies[1].storm)} | asdict(tally)
+    return rows, {"day": day.isoformat()} | {key: str(value) for key, value in counts.items()}
 
 
 def _score(spectrum: xr.Dataset, skies: list[Sky], name: str, day: date) -> Counts:
@@ -94,6 +95,13 @@ def association_lines(rows: Iterable[Counts]) -> Iterator[str]:
     yield f"| three of their spacecraft or more heard one and the same burst | {tally.right / tally.groups:.3f} |"
     yield f"| detections in them that are of that burst | {tally.pure / tally.members:.3f} |"
     yield f"| isolated and broad at three spacecraft, and localisable | {tally.placed} of {tally.could} |"
+
+
+def mirrored_a_day(rows: Iterable[Counts], fleet: Iterable[Counts]) -> tuple[float, float]:
+    """Bursts found backwards in a spacecraft-day without a storm, and in one with a storm."""
+    stormy = {row["day"]: row["storm_bursts"] != "0" for row in fleet}
+    days = {kind: [int(row["mirrored"]) for row in rows if stormy[row["day"]] == kind] for kind in (False, True)}
+    return float(np.mean(days[False])), float(np.mean(days[True]))
 
 
 def read(path: Path) -> list[Counts]:
