@@ -44,6 +44,15 @@ EVENT = BuiltInEvent(
     observatories=("WIND", "STEREO-A", "STEREO-B"),
 )
 
+PUBLISHED_TRACK = {
+    "model": "the paper",
+    "doi": "10.1051/0004-6361/202347747",
+    "phi0_deg": {"mean": 30.0, "sd": 2.0},
+    "v_sw_km_s": {"mean": 400.0, "sd": 20.0},
+    "rotation_period_d": 24.47,
+}
+"""Spiral of the paper (Canizares et al. 2024), with the rotation period that its figures use."""
+
 REFERENCE_UTC = np.datetime64("2012-06-07T19:20:00", "ns")
 """Zero of the times in the resource files."""
 
