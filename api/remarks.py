@@ -71,8 +71,8 @@ def _too_small(joint: Fit, line: Fit) -> str:
     if not mine or not formal or mine < NOTABLE * formal:
         return ""
     return (
-        f"The two-step line claims ± {formal:.0f} km/s where the joint fit finds ± {mine:.0f}, {mine / formal:.0f} times "
-        "as much: its positions lie on smooth arrival curves and share their errors. Do not use its errors."
+        f"The two-step line claims ± {formal:.0f} km/s where the joint fit finds ± {mine:.0f}, {mine / formal:.0f} "
+        "times as much: its positions lie on smooth arrival curves and share their errors. Do not use its errors."
     )
 
 
@@ -106,8 +106,8 @@ def _misfit(semp: Fit) -> str:
     if semp.get("error_scale", 1.0) < LARGE_MISFIT:
         return ""
     return (
-        f" It misses the arrival times by {semp['rms_s']:.0f} s, {semp['error_scale']:.1f} times their errors, by which "
-        "its own errors were widened: no single beam at these distances explains them."
+        f" It misses the arrival times by {semp['rms_s']:.0f} s, {semp['error_scale']:.1f} times their errors, by "
+        "which its own errors were widened: no single beam at these distances explains them."
     )
 
 

@@ -122,7 +122,6 @@ class SolutionReply(Reply):
                 "track_csv": f"{burst}/track?{pick}&format=csv",
                 "posterior": f"{burst}/posterior?{pick}",
                 "zarr": zarr_path(solution),
-                **{f"figure_{name}": figure_path(solution, name) for name in FIT_FIGURES},
             },
         )
 

@@ -2,10 +2,10 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
-from api.rendering import written_error
 from api.remarks import remarks_of
+from api.rendering import written_error
 from api.schemas import SolutionReply
 
 Fit = Mapping[str, Any]
@@ -22,6 +22,13 @@ ROWS = {
 """Words and decimals of each parameter."""
 
 
+class Cell(NamedTuple):
+    """What a method says of a parameter, and its 95 % interval where that is not the one of a Gaussian."""
+
+    words: str
+    interval: str = ""
+
+
 @dataclass(frozen=True)
 class TrackSection:
     """What the page says of the track of one solution.
@@ -31,7 +38,7 @@ class TrackSection:
     solution : SolutionReply
     methods : list of str
         Words of the columns.
-    rows : list of (str, list of str)
+    rows : list of (str, list of Cell)
         Parameter, and what each method says of it.
     remarks : list of str
     footpoint : str
@@ -42,7 +49,7 @@ class TrackSection:
 
     solution: SolutionReply
     methods: list[str]
-    rows: list[tuple[str, list[str]]]
+    rows: list[tuple[str, list[Cell]]]
     remarks: list[str]
     footpoint: str
     figures: list[tuple[str, str, str]]
@@ -67,8 +74,8 @@ def track_section(solution: SolutionReply, track: Fit, figures: list[tuple[str, 
         return None
     fits = fits_of(track)
     rows = [(words, [cell(fit, name, digits) for fit in fits.values()]) for name, (words, digits) in ROWS.items()]
-    rows += [("Residual", [_residual(fit) for fit in fits.values()])]
-    rows += [("Rotation period (d)", [_period(fit) for fit in fits.values()])]
+    rows += [("Residual", [Cell(_residual(fit)) for fit in fits.values()])]
+    rows += [("Rotation period (d)", [Cell(_period(fit)) for fit in fits.values()])]
     foot = footpoint_words(track.get("companions", {}).get("footpoint", {}))
     return TrackSection(solution, [METHODS[name] for name in fits], rows, remarks_of(fits, track), foot, figures)
 
@@ -127,7 +134,7 @@ def fits_of(track: Fit) -> dict[str, Fit]:
     return {name: known[name] for name in METHODS if known.get(name)}
 
 
-def cell(fit: Fit, name: str, digits: int) -> str:
+def cell(fit: Fit, name: str, digits: int) -> Cell:
     """What a method says of a parameter.
 
     Parameters
@@ -140,25 +147,24 @@ def cell(fit: Fit, name: str, digits: int) -> str:
 
     Returns
     -------
-    str
-        Mean ± sd, with the 95 % interval where it is not that of a Gaussian; a dash where there is nothing.
+    Cell
+        Mean ± sd; a dash where there is nothing.
     """
     if name == "v_sw_km_s" and fit.get("segments"):
-        return ", ".join(_segment(one) for one in fit["segments"])
+        return Cell(", ".join(_segment(one) for one in fit["segments"]))
     value = fit.get(name)
     if isinstance(value, int | float):
-        return f"{value:.{digits}f} assumed"
+        return Cell(f"{value:.{digits}f} assumed")
     if name == "release_utc" and value and value.get("mean"):
-        return f"{value['mean'][11:19]} ± {value['sd']:.0f} s"
-    return _with_interval(fit, value, digits)
+        return Cell(f"{value['mean'][11:19]} ± {value['sd']:.0f} s")
+    return Cell(written_error(value, digits), _within(value, digits))
 
 
-def _with_interval(fit: Fit, value: Fit | None, digits: int) -> str:
-    words = written_error(value, digits)
-    if not value or words == DASH or "contraction" not in value or value.get("q2_5") is None:
-        return words
+def _within(value: Fit | None, digits: int) -> str:
+    if not value or "contraction" not in value or value.get("q2_5") is None:
+        return ""
     low, high = (f"{value[end]:.{digits}f}".replace("-", "\N{MINUS SIGN}") for end in ("q2_5", "q97_5"))
-    return f"{words} ({low} to {high})"
+    return f"{low} to {high}"
 
 
 def _segment(segment: Fit) -> str:

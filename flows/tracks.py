@@ -17,7 +17,10 @@ from bella.tracks import JointFit, piecewise_fit, track_fit
 from bella.tracks.companions import density_companion, semp_companion
 from bella.tracks.published import MOST_FREQUENCIES, joint_track, thinned, with_joint_draws
 
-TRACK_RECIPE = {"most_frequencies": MOST_FREQUENCIES, "companions": ["semp", "piecewise", "density_excess", "footpoint"]}
+TRACK_RECIPE = {
+    "most_frequencies": MOST_FREQUENCIES,
+    "companions": ["semp", "piecewise", "density_excess", "footpoint"],
+}
 """Choices that decide the track of a solution; another one makes a new version."""
 
 
@@ -38,7 +41,8 @@ def fitted_track(
     Returns
     -------
     track : dict
-        Ready for JSON: the two-step fit as :func:`bella.tracks.track_fit` returns it, with ``joint`` and ``companions``.
+        Ready for JSON: the two-step fit as :func:`bella.tracks.track_fit` returns it, with ``joint`` and
+        ``companions``.
     posterior : xarray.Dataset
         With the draws of the joint fit.
     """

@@ -12,9 +12,9 @@ from pydantic import ValidationError
 from api.errors import worded
 from api.freshness import IMMUTABLE
 from api.queries import BurstFilter, SeriesChoice, one_per_edge
+from api.remarks import edge_remark
 from api.rendering import render
 from api.routers.bursts import versions_of
-from api.remarks import edge_remark
 from api.schemas import SolutionReply, burst_links, figure_path
 from api.service import CatalogueHere, ServiceHere
 from api.track_section import TrackSection, track_section
@@ -34,10 +34,14 @@ LISTS = frozenset({"observatory", "without_flag"})
 SAID_ELSEWHERE = frozenset({"speed_not_constrained", "formal_errors"})
 
 FIGURES = {
-    "polar-fit": ("Longitude against distance", "Longitude of the source against its distance from the Sun, with the "
-    "spirals that each method fits."),
-    "density": ("Frequency against distance", "Frequency against the distance of the source, with the emission of "
-    "density models."),
+    "polar-fit": (
+        "Longitude against distance",
+        "Longitude of the source against its distance from the Sun, with the spirals that each method fits.",
+    ),
+    "density": (
+        "Frequency against distance",
+        "Frequency against the distance of the source, with the emission of density models.",
+    ),
 }
 """Title and description of each of `bella.settings.FIT_FIGURES`."""
 

@@ -44,8 +44,9 @@ def semp_companion(grid: ArrivalGrid, v_sw_km_s: float = ASSUMED_WIND_KM_S) -> d
     Returns
     -------
     dict
-        Ready for JSON: longitude with the intervals of its profile (its sd is half of the 68 per cent one), release time
-        and beam speed with errors to first order, residual, model and flags. The errors grow with the misfit where that is larger than they explain.
+        Ready for JSON: longitude with the intervals of its profile (its sd is half of the 68 per cent one), release
+        time and beam speed with errors to first order, residual, model and flags. All errors grow with the misfit,
+        where that is larger than they explain.
 
     Raises
     ------
@@ -100,10 +101,8 @@ def semp_times(grid: ArrivalGrid) -> SempTimes:
     )
 
 
-def profile_interval_deg(
-    times: SempTimes, fit: SempFit, v_sw_km_s: float, growth: float
-) -> tuple[float, float] | None:
-    """Longitudes between which the least chi-squared of any release time and speed stays within `growth` of its minimum.
+def profile_interval_deg(times: SempTimes, fit: SempFit, v_sw_km_s: float, growth: float) -> tuple[float, float] | None:
+    """Longitudes between which the least chi-squared of any release and speed stays within `growth` of its minimum.
 
     Parameters
     ----------
@@ -176,8 +175,8 @@ def density_companion(posterior: xr.Dataset) -> dict[str, Any]:
     distance, distance_sd = _distances(few)
     table = density_excess(few["frequency"].to_numpy(), distance, distance_sd, {MODEL.name: MODEL})
     columns = ("excess", "excess_low", "excess_high")
-    rows = [
-        {"frequency_mhz": float(f), "range_rsun": float(r), "range_sd_rsun": _number(sd)}
+    rows: list[dict[str, Any]] = [
+        {"frequency_mhz": float(f), "range_rsun": _number(r), "range_sd_rsun": _number(sd)}
         for f, r, sd in zip(few["frequency"].to_numpy(), distance, distance_sd, strict=True)
     ]
     for harmonic, word in zip(HARMONICS, ("fundamental", "harmonic"), strict=True):

@@ -10,6 +10,7 @@ from tests.browser.conftest import Watch
 from tests.plotting.synthetic import FREQUENCIES_MHZ
 
 PHONE = {"viewport": {"width": 390, "height": 844}, "has_touch": True}
+LAPTOP = {"viewport": {"width": 1200, "height": 800}}
 DARK = {"color_scheme": "dark"}
 
 
@@ -190,6 +191,31 @@ def test_a_phone_needs_no_sideways_scrolling(watch: Watch, burst_path: str) -> N
     watch.open("/")
     assert page.evaluate("document.documentElement.scrollWidth") <= 390
     watch.photograph("catalogue-phone")
+
+
+@pytest.mark.parametrize("watch", [LAPTOP], indirect=True)
+def test_no_table_scrolls_and_no_legend_touches_the_toolbar_on_a_laptop(watch: Watch, burst_path: str) -> None:
+    page = watch.open(burst_path)
+    wide = "[...document.querySelectorAll('.scroll')].filter(e => e.scrollWidth > e.clientWidth).length"
+    assert page.evaluate(wide) == 0
+    page.locator("#spectra").hover()
+    legend, toolbar = (
+        page.locator(f"#spectra {part}").first.bounding_box() for part in (".legend", ".modebar-container .modebar")
+    )
+    assert legend is not None
+    assert toolbar is not None
+    assert toolbar["y"] + toolbar["height"] <= legend["y"]
+
+
+def test_track_section_shows_both_figures_of_each_edge(watch: Watch, burst_path: str) -> None:
+    page = watch.open(burst_path)
+    pictures = page.locator(".drawn img")
+    assert pictures.count() == 4
+    for picture in pictures.all():
+        picture.scroll_into_view_if_needed()
+        page.wait_for_function("image => image.complete && image.naturalWidth > 500", arg=picture.element_handle())
+    expect(page.locator("table.methods").first).to_contain_text("29.0 ± 4.4")
+    watch.photograph("burst-track-section", full_page=True)
 
 
 @pytest.mark.parametrize("watch", [DARK], indirect=True)
