@@ -20,7 +20,7 @@ POINTS_PER_EDGE = 16
 BAND_MARGIN = 1.3
 NO_DATA = "rgba(110,125,140,0.3)"
 PANEL_GAP = 0.035
-TOP_PX = 64
+TOP_PX = 72
 """Room above the panels for the legend, and above that for the toolbar."""
 
 QUANTITY_NAMES = {

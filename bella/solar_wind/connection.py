@@ -31,7 +31,7 @@ def footpoint_companion(phi0_deg: FloatArray, utc: np.datetime64, observatories:
     -------
     dict
         Ready for JSON: ``stonyhurst`` and ``carrington`` with mean, sd and quantiles, degrees, ``latitude_deg``, and
-        for each observatory ``connection_angle_deg``, west positive, with the assumed wind and with a slow and a fast one.
+        for each observatory ``connection_angle_deg``, west positive, with the assumed wind, a slow and a fast one.
 
     Raises
     ------
