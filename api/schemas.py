@@ -10,7 +10,6 @@ from pydantic import BaseModel, ConfigDict, Field
 from api.wording import APPARENT_SOURCE
 from bella.catalogue import Burst, BurstSummary, Catalogue, Detection, Solution, Submission
 from bella.exceptions import InputError
-from bella.settings import FIT_FIGURES
 
 API = "/api/v1"
 
