@@ -13,7 +13,15 @@ import pandas as pd
 import xarray as xr
 
 from bella.arrivals import read_arrivals
-from bella.bursts.event import EVENT, PUBLISHED_TRACK, half_maximum_arrivals, half_maximum_edges, published_arrivals
+from bella.bursts.event import (
+    EVENT,
+    PUBLISHED_TRACK,
+    half_maximum_arrivals,
+    half_maximum_edges,
+    half_rise_arrivals,
+    half_rise_edges,
+    published_arrivals,
+)
 from bella.bursts.identity import burst_id, onset
 from bella.catalogue import Burst, SourceFile
 from bella.exceptions import InputError
@@ -92,7 +100,11 @@ def check_subject(subject: str, incoming: Path) -> None:
 
 
 def _built_in_event() -> BurstInput:
-    arrivals = {"gauss_hermite": published_arrivals(), "half_maximum": half_maximum_arrivals()}
+    arrivals = {
+        "gauss_hermite": published_arrivals(),
+        "half_maximum": half_maximum_arrivals(),
+        "half_rise": half_rise_arrivals(),
+    }
     burst = Burst(
         EVENT.burst_id,
         aware(EVENT.start_utc),
@@ -101,7 +113,11 @@ def _built_in_event() -> BurstInput:
         EVENT.high_mhz,
         EVENT.observatories,
     )
-    edges = {"gauss_hermite": arrivals["gauss_hermite"], "half_maximum": half_maximum_edges()}
+    edges = {
+        "gauss_hermite": arrivals["gauss_hermite"],
+        "half_maximum": half_maximum_edges(),
+        "half_rise": half_rise_edges(),
+    }
     return BurstInput(burst, arrivals, edges, event_spectra(), _event_sources(), PUBLISHED_TRACK)
 
 
