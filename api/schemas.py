@@ -177,6 +177,34 @@ class VersionsReply(Reply):
     versions: list[VersionReply]
 
 
+class TrackFitReply(Reply):
+    """Every fit to the track of a solution; parameters have mean, sd and quantiles, and None where there is no fit."""
+
+    model_config = ConfigDict(frozen=True, extra="allow")
+
+    frame: Literal["HEE"] = "HEE"
+    rotation_period_d: float | None = Field(
+        default=None, description="Rotation period of the Sun, days, that the speeds of `joint` and `two_step` rest on."
+    )
+    joint: dict[str, Any] | None = Field(
+        default=None,
+        description="Spiral, wind, beam and density law fitted to the arrival times of all frequencies together; its "
+        "draws are `joint_draws` of the Zarr group. Flags: docs/quality-flags.md, track fit.",
+    )
+    two_step: dict[str, Any] | None = Field(
+        default=None, description="Line through the positions; errors are formal and too small."
+    )
+    two_step_other_rotations: dict[str, dict[str, Any]] = Field(
+        default_factory=dict, description="The same by other rotation periods, days."
+    )
+    companions: dict[str, dict[str, Any]] = Field(
+        default_factory=dict,
+        description="What other methods say: `semp`, `weighted`, `piecewise`, `density_excess`, `footpoint`. Each has "
+        "`flags`; with `not_computed` it has a `reason` and nothing else.",
+    )
+    published: dict[str, Any] | None = Field(default=None, description="What a paper says of this track, if it does.")
+
+
 class TrackReply(Reply):
     """Localisation table and track fit of one solution."""
 
@@ -184,7 +212,7 @@ class TrackReply(Reply):
     frame: Literal["HEE"] = "HEE"
     remark: str = APPARENT_SOURCE
     solution: SolutionReply
-    track_fit: dict[str, Any]
+    track_fit: TrackFitReply
     localisations: list[dict[str, Any]]
 
 
@@ -250,6 +278,11 @@ class HealthReply(Reply):
 def zarr_path(solution: Solution) -> str:
     """Address path of the Zarr group of a solution."""
     return f"{API}/solutions/{solution.solution_id}/posterior.zarr"
+
+
+def figure_path(solution: Solution, name: str) -> str:
+    """Address path of a figure of a solution."""
+    return f"{API}/solutions/{solution.solution_id}/figures/{name}"
 
 
 def burst_links(burst: Burst) -> dict[str, str]:

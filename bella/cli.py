@@ -324,7 +324,7 @@ def _table(title: str, *columns: str) -> Table:
         title=title, title_justify="left", title_style="bold", caption_justify="left", box=SIMPLE_HEAD, pad_edge=False
     )
     for name in columns:
-        table.add_column(name, justify="left" if name in {"burst", "edge", "observatory", "flags"} else "right")
+        table.add_column(name, justify="left" if name in {"burst", "edge", "fit", "observatory", "flags"} else "right")
     return table
 
 
@@ -353,20 +353,24 @@ def _track_row(row: Any) -> tuple[str, ...]:
 
 
 def _fit_table(fits: list[tuple[str, dict[str, Any]]]) -> Table:
-    title = "Parker spiral through the positions (two-step fit, formal errors)"
-    table = _table(title, "edge", "rotation d", "phi0", "v_sw km/s", "flags")
+    table = _table("Parker spiral behind the track", "edge", "fit", "days", "phi0", "v_sw km/s", "flags")
     for edge, track in fits:
+        if "joint" in track:
+            table.add_row(edge, "joint", *_fit_row(track["joint"]))
         for line in (track["two_step"], *track["two_step_other_rotations"].values()):
-            table.add_row(edge, f"{line['rotation_period_d']:g}", *_fit_row(line))
-    table.add_row("the paper", "24.47", "+30 ± 2°", "400 ± 20", "")
+            table.add_row(edge, "two-step", *_fit_row(line))
+    table.add_row("the paper", "two-step", "24.47", "+30 ± 2°", "400 ± 20", "")
+    table.caption = (
+        "joint: to the arrival times. two-step: through the positions, formal errors\ndays: rotation period assumed"
+    )
     return table
 
 
-def _fit_row(line: dict[str, Any]) -> tuple[str, str, str]:
-    phi0, v_sw = line["phi0_deg"], line["v_sw_km_s"]
+def _fit_row(fit: dict[str, Any]) -> tuple[str, str, str, str]:
+    phi0, v_sw = fit["phi0_deg"], fit["v_sw_km_s"]
     longitude = f"{phi0['mean']:+.1f} ± {phi0['sd']:.1f}°" if phi0["mean"] is not None else "-"
     speed = f"{v_sw['mean']:.0f} ± {v_sw['sd']:.0f}" if v_sw["mean"] is not None else "-"
-    return longitude, speed, ", ".join(line["flags"])
+    return f"{fit['rotation_period_d']:g}", longitude, speed, ", ".join(fit["flags"])
 
 
 def _print_places(settings: "Settings", burst_id: str, *, new: list[bool]) -> None:

@@ -8,6 +8,9 @@ from pathlib import Path
 from pydantic import Field, NonNegativeInt, PositiveFloat, PositiveInt
 from pydantic_settings import BaseSettings, SettingsConfigDict
 
+FIT_FIGURES = ("polar-fit", "density")
+"""Names of the figures that every solution has of its track."""
+
 
 class Settings(BaseSettings):
     """Where things are kept and how much the service takes on."""
@@ -71,6 +74,11 @@ class Settings(BaseSettings):
     def figures_root(self) -> Path:
         """Folder of the figures, one folder per burst in it."""
         return self.home / "figures"
+
+    def fit_figure(self, burst_id: str, solution_id: str, name: str) -> Path:
+        """File of one of `FIT_FIGURES`, which like its solution never changes."""
+        series = solution_id.removeprefix(f"{burst_id}.")
+        return self.figures_root / burst_id / f"{name}-{series}.png"
 
     @property
     def mirror_root(self) -> Path:

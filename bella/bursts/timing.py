@@ -4,6 +4,7 @@ Every channel is looked at in a window of its own around the onset that the sear
 of the day have no say. A curve t(f) through the edges gives times at frequencies that all spacecraft share.
 """
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
@@ -187,7 +188,8 @@ def timed_burst(edges: pd.DataFrame, spectra: Mapping[str, xr.Dataset]) -> Timed
 
 def _offset_s(spectrum: xr.Dataset, highest_mhz: float) -> float:
     cadence = cadence_s(spectrum["time"].to_numpy())
-    return float(common_offset_s(np.array([highest_mhz]), cadence, float(spectrum.attrs["integration_s"]))[0])
+    shared = float(common_offset_s(np.array([highest_mhz]), cadence, float(spectrum.attrs["integration_s"]))[0])
+    return math.hypot(shared, float(spectrum.attrs.get("time_uncertainty_s", 0.0)))
 
 
 def shared_frequencies_mhz(timed: TimedBurst, number: int = FREQUENCIES) -> FloatArray:
