@@ -55,7 +55,7 @@ def test_inputs_hash_changes_with_everything_a_solution_depends_on(located: Any)
 def test_built_in_event_names_its_inputs() -> None:
     given = load_burst(EVENT.name, Path("nowhere"))
     assert given.burst.burst_id == "T3-20120607-1929"
-    assert set(given.arrivals) == {"gauss_hermite", "half_maximum"}
+    assert set(given.arrivals) == {"gauss_hermite", "half_maximum", "half_rise"}
     assert given.spectra is not None
     assert set(given.spectra.children) == set(given.burst.observatories)
     assert len({source.sha256 for source in given.sources}) == len(given.sources) >= 3

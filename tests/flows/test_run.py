@@ -38,7 +38,7 @@ def groups_of(sandbox: Sandbox) -> list[str]:
 
 def test_summary_says_what_was_found(first_run: FirstRun) -> None:
     _, done = first_run
-    for word in (BURST, "gauss_hermite", "half_maximum", "n.c. (1.00)", "24.47", "25.38", "2 new solutions"):
+    for word in (BURST, "gauss_hermite", "half_maximum", "n.c. (1.00)", "24.47", "25.38", "3 new solutions"):
         assert word in done.stdout, done.stdout
     assert "Traceback" not in done.stdout + done.stderr
     assert "localise" in done.stderr, "progress is shown on standard error"
@@ -97,7 +97,7 @@ def test_edge_definition_changes_the_track(first_run: FirstRun) -> None:
 
 def test_figures_are_pictures(first_run: FirstRun) -> None:
     sandbox, done = first_run
-    series = [f"{edge}.posterior.bella-2024.2d.v1" for edge in ("gauss_hermite", "half_maximum")]
+    series = [f"{edge}.posterior.bella-2024.2d.v1" for edge in ("gauss_hermite", "half_maximum", "half_rise")]
     fits = [f"{name}-{one}.png" for name in ("polar-fit", "density") for one in series]
     for name in ("constellation-posterior-bella-2024.png", "spectra.png", *fits):
         path = sandbox.home / "figures" / BURST / name
@@ -130,7 +130,7 @@ def test_logs_carry_burst_and_run(first_run: FirstRun) -> None:
     sandbox, _ = first_run
     lines = [json.loads(line) for line in (sandbox.home / "logs" / "bella.log").read_text().splitlines()]
     published = [line for line in lines if line["event"] == "published"]
-    assert {line["edge"] for line in published} == {"gauss_hermite", "half_maximum"}
+    assert {line["edge"] for line in published} == {"gauss_hermite", "half_maximum", "half_rise"}
     assert {line["burst_id"] for line in published} == {BURST}
     assert len({line["run_id"] for line in lines}) == 1
 
@@ -194,6 +194,7 @@ def test_killed_run_leaves_nothing_visible_and_the_next_one_finishes(sandbox: Sa
         assert {(one.series.edge, one.version) for one in catalogue.versions(BURST)} == {
             ("gauss_hermite", 1),
             ("half_maximum", 1),
+            ("half_rise", 1),
         }
 
 
