@@ -56,6 +56,30 @@ class BurstFilter(_Query):
         )
 
 
+class DetectionFilter(_Query):
+    """Which detections are asked for."""
+
+    start: str = Field(description="Onsets at this UTC time or later.", examples=["2020-07-21"])
+    stop: str = Field(description="Onsets before this UTC time.", examples=["2020-07-22"])
+    observatory: str | None = Field(None, description="Spacecraft; without it, all.")
+    limit: int = Field(1000, ge=1, le=5000, description="Detections per reply.")
+
+    def interval(self) -> tuple[datetime, datetime]:
+        """Times that are asked for.
+
+        Raises
+        ------
+        InputError
+            If a time cannot be read or start is not before stop.
+        """
+        start, stop = parse_utc(self.start, "start"), parse_utc(self.stop, "stop")
+        if start is None or stop is None:
+            raise InputError(f"start, stop: one is empty; {TIME_HINT}")
+        if start >= stop:
+            raise InputError("start: is not before stop; exchange them")
+        return start, stop
+
+
 class SolutionChoice(_Query):
     """Which solution of a burst is asked for; without parameters, the preferred one."""
 

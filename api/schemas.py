@@ -1,13 +1,15 @@
 """What the replies hold. Every time is UTC, every position HEE in solar radii."""
 
-from datetime import datetime
+from dataclasses import asdict
+from datetime import date, datetime
 from typing import Any, Literal
 from urllib.parse import urlencode
 
 from pydantic import BaseModel, ConfigDict, Field
 
 from api.wording import APPARENT_SOURCE
-from bella.catalogue import Burst, BurstSummary, Solution, Submission
+from bella.catalogue import Burst, BurstSummary, Catalogue, Detection, Solution, Submission
+from bella.exceptions import InputError
 
 API = "/api/v1"
 
@@ -16,6 +18,59 @@ class Reply(BaseModel):
     """Base of all replies."""
 
     model_config = ConfigDict(frozen=True)
+
+
+class DetectionReply(Reply):
+    """A burst as one spacecraft heard it."""
+
+    observatory: str
+    start_utc: datetime = Field(description="Onset at the highest frequency.")
+    peak_utc: datetime
+    end_utc: datetime
+    f_low_mhz: float
+    f_high_mhz: float
+    score: float = Field(description="Of the matched filter, in standard deviations of noise.")
+    drift: float = Field(description="Speed of the beam whose drift fits best, in units of c.")
+    peak_db: float = Field(description="Peak over background, dB.")
+    channels: int
+    isolated: bool
+    tier: str = Field(description="localisable, catalogued or rejected.")
+    reason: str = Field(description="Why it is no more; empty where the burst was localised.")
+    burst_id: str | None = Field(description="Burst that it belongs to; null where it was rejected.")
+
+    @classmethod
+    def of(cls, one: Detection) -> "DetectionReply":
+        """Reply for a detection of the catalogue."""
+        return cls(**(asdict(one) | {"burst_id": one.burst_id or None}))
+
+
+class DetectionsReply(Reply):
+    """Detections of a time range."""
+
+    detections: list[DetectionReply]
+    returned: int
+    truncated: bool = Field(description="Whether there are more: ask for a shorter range.")
+
+
+class DayReply(Reply):
+    """What is known of a day."""
+
+    day: date
+    searched: bool = Field(description="False where no file of the day was processed.")
+    observatories: list[str] = Field(description="Spacecraft that had data; the others had none.")
+    code_version: str | None
+
+    @classmethod
+    def of(cls, day: str, catalogue: Catalogue) -> "DayReply":
+        """Reply for a day; InputError where it is none."""
+        try:
+            wanted = date.fromisoformat(day)
+        except ValueError as error:
+            raise InputError(f"{day!r} is not a day; write it as 2020-07-21") from error
+        known = catalogue.searched_day(wanted)
+        if known is None:
+            return cls(day=wanted, searched=False, observatories=[], code_version=None)
+        return cls(day=wanted, searched=True, observatories=list(known.observatories), code_version=known.code_version)
 
 
 class SolutionReply(Reply):
@@ -122,6 +177,34 @@ class VersionsReply(Reply):
     versions: list[VersionReply]
 
 
+class TrackFitReply(Reply):
+    """Every fit to the track of a solution; parameters have mean, sd and quantiles, and None where there is no fit."""
+
+    model_config = ConfigDict(frozen=True, extra="allow")
+
+    frame: Literal["HEE"] = "HEE"
+    rotation_period_d: float | None = Field(
+        default=None, description="Rotation period of the Sun, days, that the speeds of `joint` and `two_step` rest on."
+    )
+    joint: dict[str, Any] | None = Field(
+        default=None,
+        description="Spiral, wind, beam and density law fitted to the arrival times of all frequencies together; its "
+        "draws are `joint_draws` of the Zarr group. Flags: docs/quality-flags.md, track fit.",
+    )
+    two_step: dict[str, Any] | None = Field(
+        default=None, description="Line through the positions; errors are formal and too small."
+    )
+    two_step_other_rotations: dict[str, dict[str, Any]] = Field(
+        default_factory=dict, description="The same by other rotation periods, days."
+    )
+    companions: dict[str, dict[str, Any]] = Field(
+        default_factory=dict,
+        description="What other methods say: `semp`, `weighted`, `piecewise`, `density_excess`, `footpoint`. Each has "
+        "`flags`; with `not_computed` it has a `reason` and nothing else.",
+    )
+    published: dict[str, Any] | None = Field(default=None, description="What a paper says of this track, if it does.")
+
+
 class TrackReply(Reply):
     """Localisation table and track fit of one solution."""
 
@@ -129,7 +212,7 @@ class TrackReply(Reply):
     frame: Literal["HEE"] = "HEE"
     remark: str = APPARENT_SOURCE
     solution: SolutionReply
-    track_fit: dict[str, Any]
+    track_fit: TrackFitReply
     localisations: list[dict[str, Any]]
 
 
@@ -195,6 +278,11 @@ class HealthReply(Reply):
 def zarr_path(solution: Solution) -> str:
     """Address path of the Zarr group of a solution."""
     return f"{API}/solutions/{solution.solution_id}/posterior.zarr"
+
+
+def figure_path(solution: Solution, name: str) -> str:
+    """Address path of a figure of a solution."""
+    return f"{API}/solutions/{solution.solution_id}/figures/{name}"
 
 
 def burst_links(burst: Burst) -> dict[str, str]:

@@ -1,6 +1,6 @@
 """Sentences that more than one reply or page says."""
 
-from bella.flags import FLAGS
+from bella.flags import COMPANION_FLAGS, FLAGS
 
 APPARENT_SOURCE = "apparent source: no scattering correction"
 
@@ -12,4 +12,4 @@ EDGE_DECIDES = (
 
 def flag_meaning(flag: str) -> str:
     """What a quality flag means, for a reader of the page."""
-    return FLAGS.get(flag, flag.replace("_", " "))
+    return (FLAGS | COMPANION_FLAGS).get(flag, flag.replace("_", " "))

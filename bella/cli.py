@@ -15,16 +15,19 @@ from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
 from rich.table import Table
 
+from bella.cli_arrivals import EPILOG as ARRIVALS_EPILOG
+from bella.cli_arrivals import arrivals
 from bella.cli_calibration import EPILOG as CALIBRATE_EPILOG
 from bella.cli_calibration import calibrate
 from bella.cli_coverage import EPILOG as COVERAGE_EPILOG
 from bella.cli_coverage import coverage
+from bella.cli_days import days_table
 from bella.cli_detect import EPILOG as DETECT_EPILOG
 from bella.cli_detect import detect
 from bella.cli_ephemeris import EPILOG as EPHEMERIS_EPILOG
 from bella.cli_ephemeris import UPDATE_EPILOG, ephemeris, know_updates, update_ephemeris
 from bella.cli_fetch import EPILOG as FETCH_EPILOG
-from bella.cli_fetch import fetch
+from bella.cli_fetch import day_range, fetch
 from bella.cli_fit_track import EPILOG as FIT_TRACK_EPILOG
 from bella.cli_fit_track import fit_track
 from bella.cli_simulate import EPILOG as SIMULATE_EPILOG
@@ -57,6 +60,7 @@ app.command(epilog=EPHEMERIS_EPILOG)(ephemeris)
 app.command("update-ephemeris", epilog=UPDATE_EPILOG)(update_ephemeris)
 app.command(epilog=FORMATS_EPILOG)(formats)
 app.command(epilog=DETECT_EPILOG)(detect)
+app.command(epilog=ARRIVALS_EPILOG)(arrivals)
 app.command(epilog=FETCH_EPILOG)(fetch)
 app.command(epilog=SIMULATE_EPILOG)(simulate)
 
@@ -66,9 +70,8 @@ Home = Annotated[
     Path | None, typer.Option(help="Folder that holds catalogue, store and figures.", show_default="bella-home")
 ]
 AsJson = Annotated[bool, typer.Option("--json", help="Print JSON instead of a table.")]
-PresetName = Annotated[
-    str, typer.Option("--preset", help="default, paper, bella-2024, free-speed, subluminal or robust.")
-]
+PRESETS = "default, paper, bella-2024, free-speed, subluminal or robust."
+PresetName = Annotated[str, typer.Option("--preset", help=PRESETS)]
 MethodName = Annotated[
     str, typer.Option("--method", help="posterior (exact), nuts (sampled with PyMC) or tdoa (time differences).")
 ]
@@ -87,33 +90,39 @@ def main() -> None:
 
 
 @app.command(epilog="Example: bella run --event 2012-06-07 --preset bella-2024")
-def run(
+def run(  # noqa: PLR0913, PLR0917 - one argument per option
     event: Annotated[str, typer.Option(help="Built-in event, by its date.")] = "2012-06-07",
-    preset: PresetName = "bella-2024",
+    first: Annotated[str | None, typer.Option("--from", help="First day of the archive to process, UTC.")] = None,
+    last: Annotated[str | None, typer.Option("--to", help="Last day.", show_default="the first")] = None,
+    archive: Annotated[
+        str | None, typer.Option(help="URL, or folder, below which pub/data is.", show_default="BELLA_ARCHIVE")
+    ] = None,
+    preset: Annotated[
+        str | None, typer.Option(help=PRESETS, show_default="bella-2024 for the event, default for days")
+    ] = None,
     method: MethodName = "posterior",
     home: Home = None,
     as_json: AsJson = False,
 ) -> None:
-    """Run the whole pipeline on a burst: localise, fit, publish, draw."""
+    """Run the whole pipeline: on the built-in burst, or on days of the archive from spectra to sources."""
     settings = _settings(home)
-    from bella.multilateration import check_choices
-    from flows.environment import prepare
+    if first is None and (last or archive) is not None:
+        raise InputError("days of the archive need a first one: give --from 2020-07-21")
+    if first is not None:
+        with _pipeline(settings, preset or "default", "posterior"):
+            from flows.process_days import process_days, summary_rows
+
+            days = list(summary_rows(process_days(*day_range(first, last or first), archive, preset or "default")))
+        out.print_json(json.dumps(days)) if as_json else out.print(days_table(days))
+        return
     from flows.inputs import check_subject
 
-    check_choices(preset, method)
     check_subject(event, settings.incoming_root)
-    prepare(settings)
-    log_to(settings.home / "logs" / "bella.log")
-    from flows.server import prefect_server
+    with _pipeline(settings, preset or "bella-2024", method):
+        # Prefect takes the address of its server when it is imported
+        from flows.localise_burst import localise_burst, summary_row
 
-    with _progress() as bar:
-        starting = bar.add_task("start Prefect", total=1)
-        with prefect_server(settings):
-            bar.update(starting, completed=1)
-            # Prefect takes the address of its server when it is imported
-            from flows.localise_burst import localise_burst, summary_row
-
-            outcomes = localise_burst(subject=event, preset=preset, method=method)
+        outcomes = localise_burst(subject=event, preset=preset or "bella-2024", method=method)
     if as_json:
         out.print_json(json.dumps([summary_row(outcome) for outcome in outcomes]))
         return
@@ -122,6 +131,24 @@ def run(
             out.print(_track_table(catalogue, outcome.solution.solution_id))
     out.print(_fit_table([(outcome.solution.series.edge, outcome.track) for outcome in outcomes]))
     _print_places(settings, outcomes[0].solution.burst_id, new=[outcome.new for outcome in outcomes])
+
+
+@contextmanager
+def _pipeline(settings: "Settings", preset: str, method: str) -> Iterator[None]:
+    """A Prefect server for the time of a run, with its progress on the screen; refuses bad choices first."""
+    from bella.multilateration import check_choices
+    from flows.environment import prepare
+
+    check_choices(preset, method)
+    prepare(settings)
+    log_to(settings.home / "logs" / "bella.log")
+    from flows.server import prefect_server
+
+    with _progress() as bar:
+        starting = bar.add_task("start Prefect", total=1)
+        with prefect_server(settings):
+            bar.update(starting, completed=1)
+            yield
 
 
 @app.command(epilog="Example: bella localise arrivals.csv --output localisations.csv --preset default")
@@ -297,7 +324,7 @@ def _table(title: str, *columns: str) -> Table:
         title=title, title_justify="left", title_style="bold", caption_justify="left", box=SIMPLE_HEAD, pad_edge=False
     )
     for name in columns:
-        table.add_column(name, justify="left" if name in {"burst", "edge", "observatory", "flags"} else "right")
+        table.add_column(name, justify="left" if name in {"burst", "edge", "fit", "observatory", "flags"} else "right")
     return table
 
 
@@ -326,20 +353,24 @@ def _track_row(row: Any) -> tuple[str, ...]:
 
 
 def _fit_table(fits: list[tuple[str, dict[str, Any]]]) -> Table:
-    title = "Parker spiral through the positions (two-step fit, formal errors)"
-    table = _table(title, "edge", "rotation d", "phi0", "v_sw km/s", "flags")
+    table = _table("Parker spiral behind the track", "edge", "fit", "days", "phi0", "v_sw km/s", "flags")
     for edge, track in fits:
+        if "joint" in track:
+            table.add_row(edge, "joint", *_fit_row(track["joint"]))
         for line in (track["two_step"], *track["two_step_other_rotations"].values()):
-            table.add_row(edge, f"{line['rotation_period_d']:g}", *_fit_row(line))
-    table.add_row("the paper", "24.47", "+30 ± 2°", "400 ± 20", "")
+            table.add_row(edge, "two-step", *_fit_row(line))
+    table.add_row("the paper", "two-step", "24.47", "+30 ± 2°", "400 ± 20", "")
+    table.caption = (
+        "joint: to the arrival times. two-step: through the positions, formal errors\ndays: rotation period assumed"
+    )
     return table
 
 
-def _fit_row(line: dict[str, Any]) -> tuple[str, str, str]:
-    phi0, v_sw = line["phi0_deg"], line["v_sw_km_s"]
+def _fit_row(fit: dict[str, Any]) -> tuple[str, str, str, str]:
+    phi0, v_sw = fit["phi0_deg"], fit["v_sw_km_s"]
     longitude = f"{phi0['mean']:+.1f} ± {phi0['sd']:.1f}°" if phi0["mean"] is not None else "-"
     speed = f"{v_sw['mean']:.0f} ± {v_sw['sd']:.0f}" if v_sw["mean"] is not None else "-"
-    return longitude, speed, ", ".join(line["flags"])
+    return f"{fit['rotation_period_d']:g}", longitude, speed, ", ".join(fit["flags"])
 
 
 def _print_places(settings: "Settings", burst_id: str, *, new: list[bool]) -> None:

@@ -12,7 +12,7 @@ from rich.progress import Progress
 from rich.table import Table
 
 from bella.cli_ephemeris import know_updates
-from bella.exceptions import InputError, NoDataError
+from bella.exceptions import InputError
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -82,18 +82,16 @@ def read_fleet(paths: list[Path]) -> "dict[str, xr.Dataset]":
 
 
 def _detections(spectra: "dict[str, xr.Dataset]") -> "pd.DataFrame":
-    from bella.bursts.association import associate, association_table
-    from bella.bursts.detection import detect_bursts, detection_table, search
+    from bella.bursts.association import associate, association_table, has_position
+    from bella.bursts.detection import search
 
     searched = [search(one) for one in spectra.values()]
-    try:
-        return association_table(associate(searched), searched)
-    except NoDataError as error:
-        err.print(f"Spacecraft are not compared: {error}", soft_wrap=True, highlight=False)
-    import pandas as pd
-
-    alone = [detect_bursts(one) for one in spectra.values()]
-    return pd.concat([one for one in alone if len(one)] or [detection_table([])], ignore_index=True)
+    known = [one for one in searched if has_position(one)]
+    unknown = [one.observatory for one in searched if not has_position(one)]
+    if unknown:
+        message = f"Not compared, not in the ephemeris at this time: {', '.join(unknown)}"
+        err.print(message, soft_wrap=True, highlight=False)
+    return association_table(associate(known), searched)
 
 
 def write_table(table: "pd.DataFrame", path: Path) -> None:

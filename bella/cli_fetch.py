@@ -44,7 +44,8 @@ def fetch(  # noqa: PLR0913, PLR0917 - one argument per option
     from bella.spectra.archive import fetch_days, open_archive
 
     settings = _settings(home)
-    days = _days(first, last)
+    begin, end = day_range(first, last)
+    days = [begin + timedelta(days=number) for number in range((end - begin).days + 1)]
     wanted = _wanted(dataset or [], days)
     root = settings.archive if archive is None else archive
     opened = open_archive(root, timeout_s=settings.archive_timeout_s, interval_s=settings.archive_interval_s)
@@ -64,13 +65,28 @@ def _settings(home: Path | None) -> "Settings":
     return Settings() if home is None else Settings(home=home)
 
 
-def _days(first: str, last: str) -> list[date]:
+def day_range(first: str, last: str) -> tuple[date, date]:
+    """First and last day as options give them.
+
+    Parameters
+    ----------
+    first, last : str
+
+    Returns
+    -------
+    first, last : datetime.date
+
+    Raises
+    ------
+    InputError
+        If one is no day, the last is before the first, or there are too many.
+    """
     begin, end = day_option(first, "--from"), day_option(last, "--to")
     if end < begin:
         raise InputError(f"--to {last} is before --from {first}; exchange them")
     if (end - begin).days >= MOST_DAYS:
-        raise InputError(f"--from {first} --to {last} is more than {MOST_DAYS} days; fetch them in parts")
-    return [begin + timedelta(days=number) for number in range((end - begin).days + 1)]
+        raise InputError(f"--from {first} --to {last} is more than {MOST_DAYS} days; take them in parts")
+    return begin, end
 
 
 def day_option(text: str, option: str) -> date:

@@ -43,6 +43,17 @@ TRACK_FLAGS = {
 }
 """Flags of a fit to the track of a burst."""
 
+OPEN_PROFILE = "open_profile"
+NOT_COMPUTED = "not_computed"
+
+COMPANION_FLAGS = {
+    "beam_speed_not_positive": "The best fit has lower frequencies leave first: these times are not those of a beam on "
+    "this spiral.",
+    OPEN_PROFILE: "Some longitude on every side explains the times about as well: the interval has no ends.",
+    NOT_COMPUTED: "This could not be computed from this burst; the reason stands beside it.",
+}
+"""Flags of what is computed beside a track fit; they are not among those of the solution."""
+
 EDGE_FLAGS = {
     "no_samples": "Too few samples in the channel.",
     "no_signal": "Nothing above the background and its noise.",

@@ -5,8 +5,11 @@ Read by the command line, the flows, the API and the migrations only; the scienc
 
 from pathlib import Path
 
-from pydantic import Field, PositiveFloat, PositiveInt
+from pydantic import Field, NonNegativeInt, PositiveFloat, PositiveInt
 from pydantic_settings import BaseSettings, SettingsConfigDict
+
+FIT_FIGURES = ("polar-fit", "density")
+"""Names of the figures that every solution has of its track."""
 
 
 class Settings(BaseSettings):
@@ -30,6 +33,14 @@ class Settings(BaseSettings):
         default=300.0, description="Time after which a run that has shown no sign of life counts as dead, s."
     )
     schedule_s: PositiveFloat = Field(default=300.0, description="Interval of the scheduled deployment, s.")
+    recent_days: NonNegativeInt = Field(
+        default=0,
+        description="Days before today that the schedule fetches and processes again where files are new; 0 for none. "
+        "The last spacecraft's data come after four months.",
+    )
+    recent_schedule_s: PositiveFloat = Field(
+        default=21_600.0, description="Interval at which the days before today are looked at, s."
+    )
     draws: PositiveInt = Field(default=4000, description="Posterior draws kept per frequency.")
     seed: int = Field(default=20120607, description="Seed of the posterior draws; stored with every solution.")
 
@@ -63,6 +74,11 @@ class Settings(BaseSettings):
     def figures_root(self) -> Path:
         """Folder of the figures, one folder per burst in it."""
         return self.home / "figures"
+
+    def fit_figure(self, burst_id: str, solution_id: str, name: str) -> Path:
+        """File of one of `FIT_FIGURES`, which like its solution never changes."""
+        series = solution_id.removeprefix(f"{burst_id}.")
+        return self.figures_root / burst_id / f"{name}-{series}.png"
 
     @property
     def mirror_root(self) -> Path:

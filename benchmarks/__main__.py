@@ -15,7 +15,7 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 from rich.console import Console
 from rich.table import Table
 
-from benchmarks import edges, joint, solar_wind, spectra
+from benchmarks import detection, edges, joint, solar_wind, spectra
 from benchmarks.localisation import engines
 
 IMPORTS = {"bella": "500 ms", "bella.cli": "500 ms", "bella.multilateration": ""}
@@ -55,7 +55,9 @@ def main() -> None:
     table = Table(title=f"Python {platform.python_version()}, {os.cpu_count()} cores, {platform.machine()}")
     for name in ("what", "measured", "target"):
         table.add_column(name, justify="left" if name == "what" else "right")
-    for row in (*engines(), *joint.engines(), *spectra.rows(), *edges.rows(), *solar_wind.rows(), *commands()):
+    rooms = (spectra, edges, detection, solar_wind)
+    measured = (row for room in rooms for row in room.rows())
+    for row in (*engines(), *joint.engines(), *measured, *commands()):
         table.add_row(*row)
     Console(width=100).print(table)
 

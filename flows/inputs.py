@@ -2,17 +2,26 @@
 
 import hashlib
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from datetime import UTC, date, datetime
 from importlib import resources
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pandas as pd
 import xarray as xr
 
 from bella.arrivals import read_arrivals
-from bella.bursts.event import EVENT, half_maximum_arrivals, half_maximum_edges, published_arrivals
+from bella.bursts.event import (
+    EVENT,
+    PUBLISHED_TRACK,
+    half_maximum_arrivals,
+    half_maximum_edges,
+    half_rise_arrivals,
+    half_rise_edges,
+    published_arrivals,
+)
 from bella.bursts.identity import burst_id, onset
 from bella.catalogue import Burst, SourceFile
 from bella.exceptions import InputError
@@ -36,6 +45,8 @@ class BurstInput:
     spectra : DataTree or None
         One DynamicSpectrum per observatory; None where only arrival times were handed in.
     sources : tuple of SourceFile
+    published_track : mapping
+        What a paper says of the track; empty where there is none.
     """
 
     burst: Burst
@@ -43,6 +54,7 @@ class BurstInput:
     channel_edges: Mapping[str, pd.DataFrame]
     spectra: xr.DataTree | None
     sources: tuple[SourceFile, ...]
+    published_track: Mapping[str, Any] = field(default_factory=dict)
 
 
 def load_burst(subject: str, incoming: Path) -> BurstInput:
@@ -88,22 +100,30 @@ def check_subject(subject: str, incoming: Path) -> None:
 
 
 def _built_in_event() -> BurstInput:
-    arrivals = {"gauss_hermite": published_arrivals(), "half_maximum": half_maximum_arrivals()}
+    arrivals = {
+        "gauss_hermite": published_arrivals(),
+        "half_maximum": half_maximum_arrivals(),
+        "half_rise": half_rise_arrivals(),
+    }
     burst = Burst(
         EVENT.burst_id,
-        _aware(EVENT.start_utc),
-        _aware(EVENT.stop_utc),
+        aware(EVENT.start_utc),
+        aware(EVENT.stop_utc),
         EVENT.low_mhz,
         EVENT.high_mhz,
         EVENT.observatories,
     )
-    edges = {"gauss_hermite": arrivals["gauss_hermite"], "half_maximum": half_maximum_edges()}
-    return BurstInput(burst, arrivals, edges, event_spectra(), _event_sources())
+    edges = {
+        "gauss_hermite": arrivals["gauss_hermite"],
+        "half_maximum": half_maximum_edges(),
+        "half_rise": half_rise_edges(),
+    }
+    return BurstInput(burst, arrivals, edges, event_spectra(), _event_sources(), PUBLISHED_TRACK)
 
 
 def _event_sources() -> tuple[SourceFile, ...]:
     """Resource files of the package that the built-in event is read from."""
-    day = _aware(EVENT.start_utc).date()
+    day = aware(EVENT.start_utc).date()
     rooms = ("bella.bursts", "bella.spectra")
     files = [file for room in rooms for file in resources.files(room).iterdir() if file.name.endswith((".csv", ".nc"))]
     return tuple(
@@ -127,8 +147,8 @@ def _submission(sha256: str, table: Path) -> BurstInput:
     frequency = arrivals["frequency_mhz"]
     burst = Burst(
         burst_id(start),
-        _aware(start),
-        _aware(stop),
+        aware(start),
+        aware(stop),
         float(frequency.min()),
         float(frequency.max()),
         tuple(dict.fromkeys(arrivals["observatory"])),
@@ -138,10 +158,21 @@ def _submission(sha256: str, table: Path) -> BurstInput:
     return BurstInput(burst, {edge: arrivals}, {edge: arrivals}, None, (source,))
 
 
-def _aware(time: np.datetime64) -> datetime:
+def aware(time: np.datetime64) -> datetime:
+    """A time with the zone UTC, to the millisecond.
+
+    Parameters
+    ----------
+    time : numpy.datetime64
+        UTC.
+
+    Returns
+    -------
+    datetime.datetime
+    """
     stamp: datetime = pd.Timestamp(time).floor("ms").to_pydatetime()
     return stamp.replace(tzinfo=UTC)
 
 
 def _day(time: np.datetime64) -> date:
-    return _aware(time).date()
+    return aware(time).date()

@@ -19,22 +19,38 @@ from prefect.tasks import Task
 import bella
 from bella.arrivals import locate_receivers
 from bella.bursts.event import EVENT
-from bella.catalogue import Catalogue, Series, Solution
+from bella.catalogue import Catalogue, Lease, Series, Solution
 from bella.exceptions import BellaError
 from bella.multilateration import localise
-from bella.plotting import TrackView, edge_name, write_constellation_png, write_spectra_png
-from bella.settings import Settings
+from bella.plotting import (
+    TrackView,
+    edge_name,
+    write_constellation_png,
+    write_density_png,
+    write_polar_fit_png,
+    write_spectra_png,
+)
+from bella.settings import FIT_FIGURES, Settings
 from bella.store import open_group, sweep
-from bella.tracks import track_fit
 from flows.inputs import BurstInput, load_burst
 from flows.progress import counter
 from flows.publication import Draft, inputs_hash, publish, store_spectra
+from flows.tracks import fitted_track
 
 log = structlog.get_logger(__name__)
 
 STAGE = "localise"
 P = ParamSpec("P")
 R = TypeVar("R")
+
+
+@dataclass(frozen=True)
+class Choice:
+    """How a burst is localised."""
+
+    method: str
+    preset: str
+    dimensions: int
 
 
 @dataclass(frozen=True)
@@ -89,9 +105,11 @@ def solve(arrivals: pd.DataFrame, burst_id: str, series: Series, settings: Setti
 
 
 @coarse("fit")
-def fit(posterior: xr.Dataset) -> dict[str, Any]:
-    """Fit the spiral of the field line to the track."""
-    return track_fit(posterior)
+def fit(
+    posterior: xr.Dataset, arrivals: pd.DataFrame, series: Series, settings: Settings
+) -> tuple[dict[str, Any], xr.Dataset]:
+    """Fit the spiral of the field line to the track, by every method."""
+    return fitted_track(posterior, arrivals, series, settings)
 
 
 @coarse("publish")
@@ -103,8 +121,8 @@ def record(draft: Draft, settings: Settings) -> Solution:
 
 @coarse("figures")
 def draw(given: BurstInput, outcomes: list[Outcome], settings: Settings) -> None:
-    """Draw the constellation and, where there are any, the spectra of a burst."""
-    constellation, *spectra = figure_paths(given, outcomes, settings)
+    """Draw the constellation, the fits of each solution and, where there are any, the spectra of a burst."""
+    constellation, *others = figure_paths(given, outcomes, settings)
     views = [
         TrackView(
             edge_name(outcome.solution.series.edge),
@@ -113,20 +131,31 @@ def draw(given: BurstInput, outcomes: list[Outcome], settings: Settings) -> None
         )
         for outcome in outcomes
     ]
-    advance = counter("figures", 1 + len(spectra))
+    advance = counter("figures", 1 + len(others))
     write_constellation_png(constellation, views)
     advance(1)
+    for outcome, view in zip(outcomes, views, strict=True):
+        polar_fit, density = fit_figures(outcome.solution, settings)
+        write_polar_fit_png(polar_fit, view.posterior, view.track_fit | view.track_fit.get("companions", {}))
+        write_density_png(density, view.posterior)
+        advance(2)
     if given.spectra is not None:
         named = {edge_name(edge): table for edge, table in given.channel_edges.items()}
-        write_spectra_png(spectra[0], given.spectra, named)
+        write_spectra_png(others[-1], given.spectra, named)
         advance(1)
 
 
 def figure_paths(given: BurstInput, outcomes: list[Outcome], settings: Settings) -> list[Path]:
-    """Files of the figures of a run; each method and preset has a constellation of its own."""
-    series = outcomes[0].solution.series
-    names = [f"constellation-{series.method}-{series.preset}.png", "spectra.png"]
-    return [settings.figures_root / given.burst.burst_id / name for name in names[: 1 + (given.spectra is not None)]]
+    """Files of the figures of a run; each method and preset has a constellation of its own, the spectra are last."""
+    series, folder = outcomes[0].solution.series, settings.figures_root / given.burst.burst_id
+    constellation = folder / f"constellation-{series.method}-{series.preset}.png"
+    fits = [path for outcome in outcomes for path in fit_figures(outcome.solution, settings)]
+    return [constellation, *fits, *([folder / "spectra.png"] if given.spectra is not None else [])]
+
+
+def fit_figures(solution: Solution, settings: Settings) -> list[Path]:
+    """Files of the figures of one solution, in the order of their names in `Settings`."""
+    return [settings.fit_figure(solution.burst_id, solution.solution_id, name) for name in FIT_FIGURES]
 
 
 def is_drawn(figure: Path, outcomes: list[Outcome]) -> bool:
@@ -168,16 +197,44 @@ def localise_burst(
     ):
         sweep(settings.store_root, catalogue.referenced_paths(), settings.lease_s)
         given = load(subject, settings)
-        spectra_path = store_spectra(given.spectra, given.burst, catalogue, settings)
-        given = replace(given, burst=replace(given.burst, spectra_path=spectra_path))
-        outcomes = []
-        for edge in given.arrivals:
-            lease.renew(settings.lease_s)
-            outcomes.append(_outcome(given, Series(edge, method, preset, dimensions), catalogue, settings))
-        if not all(is_drawn(figure, outcomes) for figure in figure_paths(given, outcomes, settings)):
-            draw(given, outcomes, settings)
-        create_table_artifact(key=given.burst.burst_id.lower(), table=[summary_row(one) for one in outcomes])
-        return outcomes
+        return localise_given(given, Choice(method, preset, dimensions), catalogue, settings, lease)
+
+
+def localise_given(
+    given: BurstInput, choice: Choice, catalogue: Catalogue, settings: Settings, lease: Lease
+) -> list[Outcome]:
+    """Localise a burst with every definition of its edge, publish what is new, and draw it.
+
+    Parameters
+    ----------
+    given : BurstInput
+    choice : Choice
+    catalogue : Catalogue
+    settings : Settings
+    lease : Lease
+        Held on the burst or its subject; it is renewed before each solution.
+
+    Returns
+    -------
+    list of Outcome
+        One per definition of the edge.
+
+    Raises
+    ------
+    BellaError
+        What went wrong, in one line.
+    """
+    spectra_path = store_spectra(given.spectra, given.burst, catalogue, settings)
+    given = replace(given, burst=replace(given.burst, spectra_path=spectra_path))
+    outcomes = []
+    for edge in given.arrivals:
+        lease.renew(settings.lease_s)
+        series = Series(edge, choice.method, choice.preset, choice.dimensions)
+        outcomes.append(_outcome(given, series, catalogue, settings))
+    if not all(is_drawn(figure, outcomes) for figure in figure_paths(given, outcomes, settings)):
+        draw(given, outcomes, settings)
+    create_table_artifact(key=given.burst.burst_id.lower(), table=[summary_row(one) for one in outcomes])
+    return outcomes
 
 
 def _outcome(given: BurstInput, series: Series, catalogue: Catalogue, settings: Settings) -> Outcome:
@@ -189,8 +246,9 @@ def _outcome(given: BurstInput, series: Series, catalogue: Catalogue, settings: 
     if same is not None:
         bound.info("nothing new", solution_id=same.solution_id)
         return Outcome(same, new=False, track=catalogue.track_fit(same.solution_id))
-    posterior = solve(arrivals, given.burst.burst_id, series, settings)
-    track = fit(posterior)
+    track, posterior = fit(solve(arrivals, given.burst.burst_id, series, settings), arrivals, series, settings)
+    if given.published_track:
+        track["published"] = dict(given.published_track)
     solution = record(Draft(given.burst, series, checksum, posterior, track, given.sources), settings)
     bound.info("published", solution_id=solution.solution_id)
     return Outcome(solution, new=True, track=track)
@@ -198,12 +256,13 @@ def _outcome(given: BurstInput, series: Series, catalogue: Catalogue, settings: 
 
 def summary_row(outcome: Outcome) -> dict[str, Any]:
     """One line of the summary table of a run."""
-    line = outcome.track["two_step"]
+    line, joint = outcome.track["two_step"], outcome.track.get("joint", {})
     return {
         "solution": outcome.solution.solution_id,
         "new": outcome.new,
         "phi0_deg": line["phi0_deg"]["mean"],
         "v_sw_km_s": line["v_sw_km_s"]["mean"],
+        **{f"joint_{name}": joint.get(name, {}).get("mean") for name in ("phi0_deg", "v_sw_km_s")},
         "rotation_period_d": line["rotation_period_d"],
         "flags": ", ".join(outcome.solution.flags),
     }

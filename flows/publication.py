@@ -21,6 +21,7 @@ from bella.formats import localisation_records
 from bella.multilateration import PRESETS
 from bella.settings import Settings
 from bella.store import content_sha256, place_group, stage_group, verify_group
+from flows.tracks import TRACK_RECIPE
 
 
 def inputs_hash(arrivals: pd.DataFrame, sources: tuple[SourceFile, ...], series: Series, settings: Settings) -> str:
@@ -44,6 +45,7 @@ def inputs_hash(arrivals: pd.DataFrame, sources: tuple[SourceFile, ...], series:
         "preset": asdict(PRESETS[series.preset]),
         "draws": settings.draws,
         "seed": settings.seed,
+        "track": TRACK_RECIPE,
         "sources": sorted(source.sha256 for source in sources),
     }
     text = json.dumps(choices, sort_keys=True) + arrivals_csv(arrivals)
@@ -112,7 +114,7 @@ class Draft:
         As :func:`inputs_hash` returns it.
     posterior : xarray.Dataset
     track : dict
-        As :func:`bella.tracks.track_fit` returns it.
+        As :func:`flows.tracks.fitted_track` returns it.
     sources : tuple of SourceFile
     """
 
@@ -159,6 +161,7 @@ def publish(draft: Draft, catalogue: Catalogue, settings: Settings) -> Solution:
 
 
 def solution_flags(posterior: xr.Dataset, track: dict[str, Any]) -> tuple[str, ...]:
-    """Flags raised on any frequency of a solution or on its track fit, in alphabetical order."""
+    """Flags raised on any frequency of a solution or on its track fits, in alphabetical order."""
     raised = {flag for flags in np.unique(posterior["flags"].to_numpy()) for flag in str(flags).split(";") if flag}
-    return tuple(sorted(raised | set(track.get("two_step", {}).get("flags", ()))))
+    of_fits = {flag for fit in ("joint", "two_step") for flag in track.get(fit, {}).get("flags", ())}
+    return tuple(sorted(raised | of_fits))

@@ -27,6 +27,7 @@ COMMANDS = [
     ["fetch"],
     ["simulate"],
     ["detect"],
+    ["arrivals"],
     ["serve"],
     ["status"],
     ["catalogue", "list"],

@@ -99,7 +99,7 @@ BAD_OPTIONS = {
     "no day": (("--from", "yesterday", "--to", "2012-06-07"), "--from: 'yesterday' is not a day"),
     "time": (("--from", "2012-06-07", "--to", "2012-06-07T10:00"), "--to: '2012-06-07T10:00' is not a day"),
     "backwards": (("--from", "2012-06-08", "--to", "2012-06-07"), "exchange them"),
-    "too many": (("--from", "1995-01-01", "--to", "2012-06-07"), "fetch them in parts"),
+    "too many": (("--from", "1995-01-01", "--to", "2012-06-07"), "take them in parts"),
     "data set": ((*DAY, "--dataset", "WI_H9"), "'WI_H9' is not known; choose from"),
     "archive": ((*DAY, "--archive", "nowhere"), "neither an http(s) URL nor a folder"),
 }

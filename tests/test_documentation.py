@@ -10,7 +10,7 @@ import yaml
 import bella
 from api.app import create_app
 from bella.arrivals import NUISANCE
-from bella.flags import EDGE_FLAGS, LOCALISATION_FLAGS, TRACK_FLAGS
+from bella.flags import COMPANION_FLAGS, EDGE_FLAGS, LOCALISATION_FLAGS, TRACK_FLAGS
 from bella.multilateration import METHODS, PRESETS
 from bella.settings import Settings
 from bella.spectra import PRODUCTS
@@ -55,8 +55,8 @@ def test_every_service_and_volume_is_described() -> None:
 
 def test_every_flag_is_explained_in_the_room_it_belongs_to() -> None:
     page = (ROOT / "docs" / "quality-flags.md").read_text(encoding="utf-8")
-    rooms = re.split(r"^## Edge|^## Track fit", page, flags=re.MULTILINE)
-    for flags, text in zip((LOCALISATION_FLAGS, EDGE_FLAGS, TRACK_FLAGS), rooms, strict=True):
+    rooms = re.split(r"^## Edge|^## Track fit|^## Beside", page, flags=re.MULTILINE)
+    for flags, text in zip((LOCALISATION_FLAGS, EDGE_FLAGS, TRACK_FLAGS, COMPANION_FLAGS), rooms, strict=True):
         assert set(re.findall(r"^\| `(\w+)` \|", text, flags=re.MULTILINE)) == set(flags)
 
 

@@ -14,6 +14,7 @@ from api.schemas import (
     PosteriorReply,
     RegionsReply,
     SolutionReply,
+    TrackFitReply,
     TrackReply,
     VersionReply,
     VersionsReply,
@@ -77,7 +78,9 @@ def track(
             media_type="text/csv",
             headers={"Content-Disposition": f'attachment; filename="{name}"', "Vary": "Accept"},
         )
-    return TrackReply(burst_id=burst_id, solution=SolutionReply.of(solution), track_fit=fit, localisations=rows)
+    return TrackReply(
+        burst_id=burst_id, solution=SolutionReply.of(solution), track_fit=TrackFitReply(**fit), localisations=rows
+    )
 
 
 @router.get("/bursts/{burst_id}/posterior")

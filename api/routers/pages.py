@@ -12,15 +12,18 @@ from pydantic import ValidationError
 from api.errors import worded
 from api.freshness import IMMUTABLE
 from api.queries import BurstFilter, SeriesChoice, one_per_edge
+from api.remarks import edge_remark
 from api.rendering import render
 from api.routers.bursts import versions_of
-from api.schemas import SolutionReply, burst_links
-from api.service import CatalogueHere
+from api.schemas import SolutionReply, burst_links, figure_path
+from api.service import CatalogueHere, ServiceHere
+from api.track_section import TrackSection, track_section
 from api.wording import APPARENT_SOURCE, EDGE_DECIDES
 from bella.catalogue import BurstPage, BurstQuery, Catalogue, Solution
 from bella.exceptions import InputError
 from bella.flags import FLAGS, NOT_CONSTRAINED
-from bella.plotting import plotly_script
+from bella.plotting import edge_name, plotly_script
+from bella.settings import Settings
 from bella.spacecraft import OBSERVATORIES
 
 router = APIRouter(include_in_schema=False)
@@ -29,6 +32,20 @@ FILTER_NAMES = frozenset(BurstFilter.model_fields)
 LISTS = frozenset({"observatory", "without_flag"})
 # the page says these two in words: beside the title and in the table of fits
 SAID_ELSEWHERE = frozenset({"speed_not_constrained", "formal_errors"})
+
+FIGURES = {
+    "polar-fit": (
+        "Longitude against distance",
+        "Longitude of the source against its distance from the Sun, with the spirals that each method fits.",
+    ),
+    "density": (
+        "Frequency against distance",
+        "Frequency against the distance of the source, with the emission of density models.",
+    ),
+}
+"""Title and description of each of `bella.settings.FIT_FIGURES`."""
+
+Track = tuple[Solution, dict[str, Any]]
 
 
 @dataclass(frozen=True)
@@ -66,11 +83,12 @@ def catalogue_page(request: Request, catalogue: CatalogueHere) -> HTMLResponse:
 
 
 @router.get("/bursts/{burst_id}")
-def burst_page(request: Request, burst_id: str, catalogue: CatalogueHere) -> HTMLResponse:
+def burst_page(request: Request, burst_id: str, service: ServiceHere, catalogue: CatalogueHere) -> HTMLResponse:
     """Everything about one burst; where it was looked at from stands in the query and is read by the page itself."""
     summary = catalogue.burst(burst_id)
     choice = SeriesChoice(method=request.query_params.get("method"), preset=request.query_params.get("preset"))
     solutions = one_per_edge(summary.solutions, choice)
+    tracks = [(solution, catalogue.track_fit(solution.solution_id)) for solution in solutions]
     channels = [row.frequency_mhz for row in catalogue.localisations(solutions[0].solution_id)] if solutions else []
     return render(
         request,
@@ -80,7 +98,9 @@ def burst_page(request: Request, burst_id: str, catalogue: CatalogueHere) -> HTM
         series=urlencode({name: value for name, value in choice if value}),
         series_known=_series_known(summary.solutions),
         solutions=[SolutionReply.of(solution) for solution in solutions],
-        fits=_fit_rows(catalogue, solutions),
+        fits=_fit_rows(tracks),
+        sections=_sections(tracks, service.settings),
+        edges_apart=edge_remark({edge_name(s.series.edge): track for s, track in tracks}),
         flags=sorted({flag for solution in solutions for flag in solution.flags} - SAID_ELSEWHERE),
         contraction=_contraction(catalogue, solutions),
         not_constrained=NOT_CONSTRAINED,
@@ -127,15 +147,30 @@ def _series_known(solutions: tuple[Solution, ...]) -> list[dict[str, str]]:
     ]
 
 
-def _fit_rows(catalogue: Catalogue, solutions: list[Solution]) -> list[FitRow]:
+def _fit_rows(tracks: list[Track]) -> list[FitRow]:
     rows: list[FitRow] = []
-    for solution in solutions:
+    for solution, fit in tracks:
         reply = SolutionReply.of(solution)
-        fit = catalogue.track_fit(solution.solution_id)
         fits = {str(fit.get("rotation_period_d")): fit.get("two_step"), **fit.get("two_step_other_rotations", {})}
         known = [(period, values) for period, values in fits.items() if values]
         rows += [FitRow(reply, float(period), values, first=i == 0) for i, (period, values) in enumerate(known)]
     return rows
+
+
+def _sections(tracks: list[Track], settings: Settings) -> list[TrackSection]:
+    sections = [
+        track_section(SolutionReply.of(solution), track, _drawn(solution, settings)) for solution, track in tracks
+    ]
+    return [section for section in sections if section]
+
+
+def _drawn(solution: Solution, settings: Settings) -> list[tuple[str, str, str]]:
+    """Figures of a solution that the run has drawn; a run may have been killed before it did."""
+    return [
+        (title, figure_path(solution, name), description)
+        for name, (title, description) in FIGURES.items()
+        if settings.fit_figure(solution.burst_id, solution.solution_id, name).is_file()
+    ]
 
 
 def _contraction(catalogue: Catalogue, solutions: list[Solution]) -> float | None:

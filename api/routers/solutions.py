@@ -1,11 +1,14 @@
 """Single solutions, and their Zarr groups as files: what is under these addresses never changes."""
 
+from typing import Literal
+
 from fastapi import APIRouter, Response
 from fastapi.responses import FileResponse
 
 from api.freshness import IMMUTABLE
 from api.schemas import SolutionReply
 from api.service import CatalogueHere, ServiceHere
+from bella.exceptions import NoDataError
 from bella.store import group_file
 
 router = APIRouter(prefix="/api/v1/solutions", tags=["solutions"])
@@ -25,3 +28,13 @@ def posterior_file(solution_id: str, key: str, service: ServiceHere) -> FileResp
     path = group_file(service.settings.store_root, group, key)
     kind = "application/json" if path.suffix == ".json" else "application/octet-stream"
     return FileResponse(path, media_type=kind, headers={"Cache-Control": IMMUTABLE})
+
+
+@router.get("/{solution_id}/figures/{name}", responses={200: {"content": {"image/png": {}}}}, response_class=Response)
+def figure(solution_id: str, name: Literal["polar-fit", "density"], service: ServiceHere) -> FileResponse:
+    """Figure of the track of a solution, PNG: longitude against distance with fits, or frequency against distance."""
+    burst_id = service.catalogue().solution(solution_id).burst_id
+    path = service.settings.fit_figure(burst_id, solution_id, name)
+    if not path.is_file():
+        raise NoDataError(f"{name} of {solution_id} is not drawn: run the burst again")
+    return FileResponse(path, media_type="image/png", headers={"Cache-Control": IMMUTABLE})

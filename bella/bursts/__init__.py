@@ -5,6 +5,8 @@ from bella.bursts.event import (
     EVENT,
     half_maximum_arrivals,
     half_maximum_edges,
+    half_rise_arrivals,
+    half_rise_edges,
     published_arrivals,
     published_rise_times,
 )
@@ -28,6 +30,8 @@ __all__ = [
     "half_maximum_arrivals",
     "half_maximum_edge",
     "half_maximum_edges",
+    "half_rise_arrivals",
+    "half_rise_edges",
     "onset",
     "published_arrivals",
     "published_rise_times",

@@ -12,6 +12,7 @@ import numpy as np
 import pandas as pd
 
 from bella.bursts.detection import (
+    APART_RECORDS,
     CATALOGUED,
     GROUP,
     Candidate,
@@ -25,6 +26,7 @@ from bella.bursts.detection import (
 from bella.bursts.identity import burst_id
 from bella.bursts.matched_filter import BEAM_SPEEDS_C
 from bella.bursts.search_grid import FREQUENCY_MHZ, STEP_S
+from bella.exceptions import InputError, NoDataError
 from bella.spacecraft import position_hee
 from bella.units import C_RSUN_S, FloatArray
 
@@ -57,6 +59,16 @@ class Member:
     candidate: Candidate
     company: str
     """Why it is not isolated; empty if it is."""
+
+    @property
+    def unfit(self) -> str:
+        """Why the spacecraft does not help to place the burst; empty if it does."""
+        return self.company or ("weak" if self.candidate.score < WEAK_SCORE else "")
+
+    @property
+    def fits(self) -> bool:
+        """Whether the spacecraft helps to place the burst."""
+        return not self.unfit
 
 
 @dataclass(frozen=True)
@@ -106,8 +118,8 @@ def associate(searched: Sequence[Searched]) -> list[AssociatedBurst]:
 
     Raises
     ------
-    NoDataError
-        If the ephemeris does not have a spacecraft.
+    InputError, NoDataError
+        If the ephemeris does not have a spacecraft (:func:`has_position`).
     """
     free = [(one, spectrum) for spectrum in searched for one in spectrum.found if not one.reason]
     free.sort(key=lambda pair: -pair[0].score)
@@ -125,14 +137,32 @@ def associate(searched: Sequence[Searched]) -> list[AssociatedBurst]:
     return sorted(bursts, key=lambda burst: burst.start_utc)
 
 
+def has_position(searched: Searched) -> bool:
+    """Whether the ephemeris knows where the spacecraft of a spectrum was: others cannot be compared.
+
+    Parameters
+    ----------
+    searched : Searched
+
+    Returns
+    -------
+    bool
+    """
+    try:
+        _position_rsun(searched.observatory, searched.grid.start)
+    except (InputError, NoDataError):
+        return False
+    return True
+
+
 def association_table(bursts: Sequence[AssociatedBurst], searched: Sequence[Searched]) -> pd.DataFrame:
-    """Detections of all spacecraft with the burst they belong to, and those refused.
+    """Detections of all spacecraft with the burst they belong to, and those refused or not compared.
 
     Parameters
     ----------
     bursts : sequence of AssociatedBurst
     searched : sequence of Searched
-        What the bursts were found in.
+        What the bursts were found in, and those that :func:`has_position` keeps from it.
 
     Returns
     -------
@@ -145,7 +175,11 @@ def association_table(bursts: Sequence[AssociatedBurst], searched: Sequence[Sear
         for burst in bursts
         for member in burst.members
     ]
-    rows += [detection_row(spectrum, one) for spectrum in searched for one in spectrum.found if one.reason]
+    taken = {(member.searched.observatory, member.candidate.record) for burst in bursts for member in burst.members}
+    for spectrum in searched:
+        is_compared = has_position(spectrum)
+        alone = [one for one in spectrum.found if not _is_taken(taken, spectrum.observatory, one)]
+        rows += [detection_row(spectrum, one) for one in alone if one.reason or not is_compared]
     return detection_table(rows).sort_values(["start_utc", "observatory"], ignore_index=True)
 
 
@@ -160,9 +194,14 @@ def _heard_by(other: Searched, members: Sequence[Member], taken: set[tuple[str, 
     fitting = [one for one in free if all(_may_be_same(other, one, member) for member in members)]
     if not fitting:
         fitting = [one for one in _seeded(other, members[0]) if all(_may_be_same(other, one, m) for m in members)]
-        fitting = [one for one in fitting if (other.observatory, one.record) not in taken]
+        fitting = [one for one in fitting if not _is_taken(taken, other.observatory, one)]
     best = sorted(fitting, key=lambda one: -one.score)[:1]
     return [Member(other, one, why_not_alone(other, one)) for one in best]
+
+
+def _is_taken(taken: set[tuple[str, int]], observatory: str, one: Candidate) -> bool:
+    """Whether another burst has a member within the minutes that count as one maximum."""
+    return any((observatory, one.record + apart) in taken for apart in range(-APART_RECORDS, APART_RECORDS + 1))
 
 
 def _may_be_same(other: Searched, one: Candidate, member: Member) -> bool:
@@ -175,8 +214,12 @@ def _may_be_same(other: Searched, one: Candidate, member: Member) -> bool:
 
 
 def _window_s(first: str, second: str, utc: np.datetime64) -> float:
-    there = [position_hee(name, np.array([utc]), utc)[0] for name in (first, second)]
-    return float(np.linalg.norm(there[0] - there[1]) / C_RSUN_S) + SLACK_S
+    apart_rsun = np.linalg.norm(_position_rsun(first, utc) - _position_rsun(second, utc))
+    return float(apart_rsun / C_RSUN_S) + SLACK_S
+
+
+def _position_rsun(observatory: str, utc: np.datetime64) -> FloatArray:
+    return np.asarray(position_hee(observatory, np.array([utc]), utc)[0])
 
 
 def _seeded(other: Searched, member: Member) -> list[Candidate]:
@@ -202,10 +245,10 @@ def _judged(members: Sequence[Member]) -> AssociatedBurst:
 
 
 def _why_not_localisable(members: Sequence[Member]) -> str:
-    company = {member.searched.observatory: _unfit(member) for member in members if _unfit(member)}
+    company = {member.searched.observatory: member.unfit for member in members if not member.fits}
     if GROUP in company.values():
         return f"not localisable: {GROUP}"
-    alone = [member for member in members if member.searched.observatory not in company]
+    alone = [member for member in members if member.fits]
     if len(alone) < FEWEST_SPACECRAFT:
         rest = "".join(f", {why} at {name}" for name, why in company.items())
         return f"not localisable: heard by {len(members)} of {FEWEST_SPACECRAFT} spacecraft{rest}"
@@ -215,15 +258,10 @@ def _why_not_localisable(members: Sequence[Member]) -> str:
     if np.median([member.candidate.drift for member in alone]) <= SLOWEST:
         return "not localisable: drifts too slowly for a beam"
     utc = members[0].searched.grid.start
-    where = np.array([position_hee(one.searched.observatory, np.array([utc]), utc)[0] for one in alone])
+    where = np.array([_position_rsun(one.searched.observatory, utc) for one in alone])
     if _spread_rsun(where) < LEAST_SPREAD_RSUN:
         return "not localisable: spacecraft on a line"
     return ""
-
-
-def _unfit(member: Member) -> str:
-    """Why a spacecraft does not help to place a burst; empty if it does."""
-    return member.company or ("weak" if member.candidate.score < WEAK_SCORE else "")
 
 
 def _spread_rsun(where_rsun: FloatArray) -> float:

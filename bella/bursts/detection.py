@@ -55,15 +55,30 @@ CLEAR_MARGIN = 1.2
 FAST_MARGIN = 1.1
 """Where they tell, a fit without drift may be better by this: fast beams take a minute through most channels."""
 
+NARROW, LONGEST, LONGEST_ABOVE = 20, 2.7, 2.0
+"""What fewer channels see may last at one frequency so many times as long as a burst, a minute and two decay times; the
+second number where it is not seen below `WIDE_BELOW_MHZ`. Arcs of Jupiter and lanes of Type II bursts last longer."""
+
+DEPTH_DB = 10.0
+"""Something lasts while it is above half of its peak in dB, and no further than this below the peak."""
+
 BEFORE_S, AFTER_S = 20 * 60.0, 30 * 60.0
 """A burst is alone if no other begins within so long before and after it."""
 
 WEAK_SHARE = 0.3
 """Another with less than this share of its score does not count."""
 
-SECOND_PEAK_DB = 2.0
+SECOND_PEAK_DB, SECOND_PEAK_SHARE_OF_HEIGHT = 2.0, 0.4
+"""A light curve that falls and rises again by so much, or by this share of its height if that is less, has two."""
+
 SECOND_PEAK_SHARE = 0.25
-NO_SUPPORT, NO_DRIFT, GROUP, GAP = "few_channels_above_0.8_mhz", "no_drift", "group", "gap_in_flank"
+"""If so many of the channels have two."""
+
+SMOOTHED_SHARE_OF_DECAY = 0.5
+"""Light curves are smoothed by this share of the decay time: what wavers faster is the receiver."""
+
+NO_SUPPORT, NO_DRIFT, TOO_LONG = "few_channels_above_0.8_mhz", "no_drift", "lasts_too_long"
+GROUP, GAP = "group", "gap_in_flank"
 CATALOGUED, REJECTED = "catalogued", "rejected"
 
 
@@ -110,7 +125,8 @@ def search(spectrum: xr.Dataset) -> Searched:
     """
     grid = search_grid(spectrum)
     match = drift_match(channel_match(grid.excess_db, grid.noise_db))
-    return Searched(str(spectrum.attrs["observatory"]), grid, match, tuple(candidates(match)))
+    found = tuple(_lasting_judged(grid, one) for one in candidates(match))
+    return Searched(str(spectrum.attrs["observatory"]), grid, match, found)
 
 
 def detect_bursts(spectrum: xr.Dataset) -> pd.DataFrame:
@@ -194,6 +210,29 @@ def _why_none(hit: npt.NDArray[np.bool_], score: float, undrifting: tuple[float,
     else:
         drifts = CLEAR_MARGIN * max(undrifting) <= score
     return "" if drifts else NO_DRIFT
+
+
+def _lasting_judged(grid: SearchGrid, one: Candidate) -> Candidate:
+    """The candidate, refused if it lasts too long for its frequencies."""
+    band = np.flatnonzero(one.hit)
+    if one.reason or band.size >= NARROW:
+        return one
+    is_wide = np.count_nonzero(FREQUENCY_MHZ[band] < WIDE_BELOW_MHZ) >= LEAST_WIDE
+    onset = onset_records(one)
+    shares = [_lasting(grid.excess_db[:, channel], int(onset[channel]), int(channel)) for channel in band]
+    is_long = np.median(shares) > (LONGEST if is_wide else LONGEST_ABOVE)
+    return one._replace(reason=TOO_LONG) if is_long else one
+
+
+def _lasting(excess_db: FloatArray, onset: int, channel: int) -> float:
+    """How long a channel stays near its peak, in units of the time that a burst takes for that."""
+    peak = _peak(excess_db, onset, channel)
+    height = np.nan_to_num(excess_db[peak])
+    low = np.flatnonzero(~(excess_db > height - min(0.5 * height, DEPTH_DB)))
+    place = np.searchsorted(low, peak)
+    first = low[place - 1] if place > 0 else -1
+    last = low[place] if place < low.size else len(excess_db)
+    return float((last - first - 1) * STEP_S / (STEP_S + 2 * decay_s(float(FREQUENCY_MHZ[channel]))))
 
 
 def detection_table(rows: Sequence[dict[str, object]]) -> pd.DataFrame:
@@ -324,9 +363,11 @@ def _second_peak(grid: SearchGrid, onset: int, channel: int) -> bool:
     """Whether the light curve of a channel falls and rises again, by more than noise, within the burst."""
     window = grid.excess_db[max(0, onset - 5) : onset + 2 * _reach(channel), channel]
     window = window[np.isfinite(window)]
-    if window.size < 3:
+    over = max(1, round(SMOOTHED_SHARE_OF_DECAY * decay_s(float(FREQUENCY_MHZ[channel])) / STEP_S))
+    if window.size < over + 2:
         return False
+    window = np.convolve(window, np.full(over, 1.0 / over), mode="valid")
     peak = int(window.argmax())
-    least = max(SECOND_PEAK_DB, 4 * grid.noise_db[channel])
+    least = max(min(SECOND_PEAK_DB, SECOND_PEAK_SHARE_OF_HEIGHT * window[peak]), 4 * grid.noise_db[channel])
     after, before = window[peak:], window[: peak + 1][::-1]
     return any((side - np.minimum.accumulate(side)).max() > least for side in (after, before))

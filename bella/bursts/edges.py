@@ -15,7 +15,7 @@ from bella.bursts.flank import flank_edges
 from bella.bursts.gauss_hermite import gauss_hermite_edge
 from bella.bursts.half_maximum import half_maximum_edge
 from bella.exceptions import InputError
-from bella.spectra import relative_power, sample_times
+from bella.spectra import power_above_background, sample_times
 from bella.units import FloatArray
 
 EDGE_OF_METHOD = {"flank": "half_rise", "half_maximum": "half_maximum", "gauss_hermite": "gauss_hermite"}
@@ -77,7 +77,7 @@ def _measured(spectrum: xr.Dataset, window_utc: Window | None) -> xr.Dataset:
 
 
 def _edges(method: str, time_s: FloatArray, spectrum: xr.Dataset) -> list[Edge]:
-    power, frequency_mhz = _power(spectrum), spectrum["frequency"].to_numpy()
+    power, frequency_mhz = power_above_background(spectrum).to_numpy(), spectrum["frequency"].to_numpy()
     integration_s = float(spectrum.attrs["integration_s"])
     records = spectrum["time"].to_numpy()
     cadence_s = float(np.median(np.diff(records)) / np.timedelta64(1, "s")) if records.size > 1 else integration_s
@@ -87,9 +87,3 @@ def _edges(method: str, time_s: FloatArray, spectrum: xr.Dataset) -> list[Edge]:
     if method == "half_maximum":
         return [half_maximum_edge(times, column, cadence_s) for times, column in light_curves]
     return [gauss_hermite_edge(times, column) for times, column in light_curves]
-
-
-def _power(spectrum: xr.Dataset) -> FloatArray:
-    """Power above background; decibels over background are of the sum of both."""
-    power = relative_power(spectrum).to_numpy()
-    return np.asarray(power - 1 if spectrum.attrs["quantity"] == "db_over_background" else power)

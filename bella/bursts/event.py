@@ -2,11 +2,13 @@
 
 *gauss_hermite*: the published curves t(f), which mark the flank one sigma of a Gauss-Hermite profile before the peak.
 *half_maximum*: edges of the digitised spectra at half of the maximum power.
+*half_rise*: what any burst goes through that is found in spectra: search, flank of every channel, robust t(f).
 
-Both tell when the burst reached Wind, STEREO-A and STEREO-B at 200 frequencies. How sure they are is measured by the
-scatter of single channels about the curve; it is the same at all frequencies of a spacecraft.
+The first two tell when the burst reached Wind, STEREO-A and STEREO-B at 200 frequencies; how sure they are is measured
+by the scatter of single channels about the curve, and is the same at all frequencies of a spacecraft.
 """
 
+from functools import lru_cache
 from importlib import resources
 from typing import NamedTuple
 
@@ -14,8 +16,17 @@ import numpy as np
 import pandas as pd
 
 from bella.arrivals import check_arrivals
+from bella.bursts.detection import search
 from bella.bursts.edges import spectrum_edges
 from bella.bursts.time_evolution import TimeEvolution, fit_time_evolution
+from bella.bursts.timing import (
+    TimedBurst,
+    arrival_table,
+    burst_edges,
+    candidate_near,
+    shared_frequencies_mhz,
+    timed_burst,
+)
 from bella.exceptions import InputError
 from bella.spectra import event_spectra
 from bella.units import FloatArray
@@ -43,6 +54,15 @@ EVENT = BuiltInEvent(
     high_mhz=2.0,
     observatories=("WIND", "STEREO-A", "STEREO-B"),
 )
+
+PUBLISHED_TRACK = {
+    "model": "the paper",
+    "doi": "10.1051/0004-6361/202347747",
+    "phi0_deg": {"mean": 30.0, "sd": 2.0},
+    "v_sw_km_s": {"mean": 400.0, "sd": 20.0},
+    "rotation_period_d": 24.47,
+}
+"""Spiral of the paper (Canizares et al. 2024), with the rotation period that its figures use."""
 
 REFERENCE_UTC = np.datetime64("2012-06-07T19:20:00", "ns")
 """Zero of the times in the resource files."""
@@ -220,3 +240,37 @@ def half_maximum_arrivals(frequencies_mhz: FloatArray | None = None) -> pd.DataF
     fits = half_maximum_evolution().items()
     tables = [_arrivals(name, asked, curve, sigma_s, "half_maximum") for name, (curve, sigma_s) in fits]
     return check_arrivals(pd.concat(tables, ignore_index=True))
+
+
+@lru_cache(maxsize=1)
+def _half_rise() -> TimedBurst:
+    spectra = {name: event_spectra()[name].to_dataset() for name in EVENT.observatories}
+    parts = []
+    for spectrum in spectra.values():
+        searched = search(spectrum)
+        parts.append(burst_edges(spectrum, searched, candidate_near(searched, EVENT.start_utc)))
+    return timed_burst(pd.concat(parts, ignore_index=True), spectra)
+
+
+def half_rise_edges() -> pd.DataFrame:
+    """Half-rise edge of every channel of the digitised spectra.
+
+    Returns
+    -------
+    pandas.DataFrame
+        Columns observatory, frequency_mhz, arrival_utc (NaT without an edge), sigma_s, edge, flag.
+    """
+    return _half_rise().edges.copy()
+
+
+def half_rise_arrivals() -> pd.DataFrame:
+    """Arrival table of the half-rise edges, by way of t(f) of each spacecraft, where all three have channels.
+
+    Returns
+    -------
+    pandas.DataFrame
+        As :func:`bella.arrivals.check_arrivals` returns it, edge "half_rise"; ``offset_sd_s`` holds the 3 s by which
+        the time axis of the digitised figure is known.
+    """
+    timed = _half_rise()
+    return arrival_table(timed, shared_frequencies_mhz(timed))

@@ -6,12 +6,13 @@ import numpy as np
 import numpy.typing as npt
 import xarray as xr
 
-from bella.spectra import over_background, sample_times
+from bella.spectra import over_background, relative_power, sample_times
 from bella.units import FloatArray
 
 STEP_S = 60.0
 LOWEST_MHZ, HIGHEST_MHZ = 0.1, 14.0
 CHANNELS = 56
+RELATIVE_BACKGROUND = 0.05
 LEAST_NOISE_DB = 0.25
 """Channels whose noise is less count as if it were this: what is left of a background is never flat to less."""
 
@@ -60,10 +61,17 @@ def search_grid(spectrum: xr.Dataset) -> SearchGrid:
     if measured.sizes["frequency"] == 0:
         minutes = int((spectrum["time"].to_numpy()[-1] - start) / np.timedelta64(60, "s")) + 1
         return SearchGrid(start, np.full((minutes, CHANNELS), np.nan), np.full(CHANNELS, np.nan))
-    over = over_background(measured)
+    over = _raised(measured) if spectrum.attrs["quantity"] == "relative_flux" else over_background(measured)
     binned = _despiked(_binned(over, start))
     smooth = _median_of_three(binned)
     return SearchGrid(start.astype("datetime64[ns]"), smooth, _noise_db(smooth))
+
+
+def _raised(spectrum: xr.Dataset) -> xr.Dataset:
+    """Decibels over a background that is put under a flux which has none and is relative to its maximum."""
+    power = relative_power(spectrum)
+    decibel = 10.0 * np.log10(1.0 + np.maximum(power, 0.0) / (power.max("time") * RELATIVE_BACKGROUND))
+    return spectrum.assign(intensity=decibel)
 
 
 def _binned(over: xr.Dataset, start: np.datetime64) -> FloatArray:

@@ -1,19 +1,23 @@
 """The catalogue as its callers see it: one class, whose methods are short transactions."""
 
+from collections.abc import Sequence
 from contextlib import AbstractContextManager
+from datetime import date, datetime
 from types import TracebackType
 from typing import Any, Self
 
 from sqlalchemy import Engine, text
 
-from bella.catalogue import leases, publication, queries, schema, solutions, submissions
+from bella.catalogue import detections, leases, publication, queries, schema, solutions, submissions
 from bella.catalogue.engine import connect, display_name, parse_url, reading
 from bella.catalogue.records import (
     BurstPage,
     BurstQuery,
     BurstSummary,
+    Detection,
     Localisation,
     Publication,
+    SearchedDay,
     Series,
     Solution,
     SourceFile,
@@ -184,6 +188,20 @@ class Catalogue:
     def referenced_paths(self) -> frozenset[str]:
         """Store paths the catalogue refers to, which a sweep of the store must spare."""
         return solutions.referenced_paths(self._engine)
+
+    def record_day(self, day: SearchedDay, found: Sequence[Detection]) -> None:
+        """Replace what is known of a searched day, in one commit; see `detections.record_day`."""
+        detections.record_day(self._engine, day, found)
+
+    def searched_day(self, day: date) -> SearchedDay | None:
+        """What a day was searched in; None where it was not."""
+        return detections.searched_day(self._engine, day)
+
+    def detections(
+        self, start: datetime, stop: datetime, observatory: str | None = None, limit: int = 1000
+    ) -> tuple[Detection, ...]:
+        """Detections with their onset in [start, stop), by onset; see `detections.detections`."""
+        return detections.detections(self._engine, start, stop, observatory, limit)
 
     def submit(self, sha256: str, file_name: str) -> Submission:
         """Note that an arrival table was handed in; see `submissions.submit`."""

@@ -110,6 +110,42 @@ class SourceFileRow(Base):
     changed_utc: Mapped[datetime] = mapped_column(UtcTime)
 
 
+class SearchedDayRow(Base):
+    """Days whose spectra were searched for bursts, and what they were searched in."""
+
+    __tablename__ = "searched_day"
+
+    day: Mapped[date] = mapped_column(primary_key=True)
+    inputs_hash: Mapped[str]
+    code_version: Mapped[str]
+    observatories: Mapped[str]
+    searched_utc: Mapped[datetime] = mapped_column(UtcTime)
+
+
+class DetectionRow(Base):
+    """Bursts as one spacecraft heard them on a searched day; those of a day are replaced together."""
+
+    __tablename__ = "detection"
+    __table_args__ = (Index("ix_detection_start_utc", "start_utc"),)
+
+    detection_id: Mapped[int] = mapped_column(primary_key=True)
+    day: Mapped[date] = mapped_column(ForeignKey("searched_day.day", ondelete="CASCADE"))
+    observatory: Mapped[str]
+    start_utc: Mapped[datetime] = mapped_column(UtcTime)
+    peak_utc: Mapped[datetime] = mapped_column(UtcTime)
+    end_utc: Mapped[datetime] = mapped_column(UtcTime)
+    f_low_mhz: Mapped[float] = mapped_column(Double)
+    f_high_mhz: Mapped[float] = mapped_column(Double)
+    score: Mapped[float] = mapped_column(Double)
+    drift: Mapped[float] = mapped_column(Double)
+    peak_db: Mapped[float] = mapped_column(Double)
+    channels: Mapped[int]
+    isolated: Mapped[bool]
+    tier: Mapped[str]
+    reason: Mapped[str]
+    burst_id: Mapped[str]
+
+
 class BurstRow(Base):
     """Bursts, by stable id."""
 

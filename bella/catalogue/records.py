@@ -10,7 +10,7 @@ from typing import Any
 
 METHOD_ORDER = ("posterior", "nuts", "tdoa")
 PRESET_ORDER = ("default", "robust", "free-speed", "subluminal", "paper", "bella-2024")
-EDGE_ORDER = ("half_maximum", "gauss_hermite")
+EDGE_ORDER = ("half_rise", "half_maximum", "gauss_hermite")
 
 
 @dataclass(frozen=True)
@@ -36,6 +36,43 @@ class Burst:
     f_high_mhz: float
     observatories: tuple[str, ...]
     spectra_path: str | None = None
+
+
+@dataclass(frozen=True)
+class SearchedDay:
+    """A day whose spectra were searched for bursts: in which files, by which code, of which spacecraft.
+
+    A spacecraft that is not among the observatories had no data; one that is and has no detection heard no burst.
+    """
+
+    day: date
+    inputs_hash: str
+    code_version: str
+    observatories: tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class Detection:
+    """A burst as one spacecraft heard it; the columns of the detection table.
+
+    `burst_id` is empty for what was rejected. A tier "localisable" says that the burst was placed, any other comes with
+    its reason.
+    """
+
+    observatory: str
+    start_utc: datetime
+    peak_utc: datetime
+    end_utc: datetime
+    f_low_mhz: float
+    f_high_mhz: float
+    score: float
+    drift: float
+    peak_db: float
+    channels: int
+    isolated: bool
+    tier: str
+    reason: str
+    burst_id: str
 
 
 @dataclass(frozen=True)

@@ -20,7 +20,7 @@ from bella.plotting.day import shown_day
 from bella.plotting.palette import INK, TrackStyle, edge_name, track_style
 from bella.plotting.printed import save_png
 from bella.plotting.tables import ARRIVAL_COLUMNS, FLAGGED, day_numbers, is_flagged, require_columns
-from bella.spectra import relative_power, sample_times
+from bella.spectra import power_above_background, sample_times
 from bella.units import DAY_S, FloatArray
 
 NEAREST_RATIO = 1.2
@@ -120,7 +120,7 @@ def _channel(spectrum: xr.Dataset, name: str, arrivals: pd.DataFrame, frequency_
     one = measured.isel(frequency=[int(apart.argmin())])
     frequency = float(one["frequency"][0])
     edges = _nearest_edges(arrivals[arrivals["observatory"] == name], frequency)
-    days, power = day_numbers(sample_times(one).to_numpy()[:, 0]), relative_power(one).to_numpy()[:, 0]
+    days, power = day_numbers(sample_times(one).to_numpy()[:, 0]), power_above_background(one).to_numpy()[:, 0]
     return Channel(name, frequency, days, power, edges)
 
 

@@ -42,6 +42,7 @@ TRACK_STYLES = (
 EDGE_NAMES = {
     "gauss_hermite": "Gauss-Hermite edge",
     "half_maximum": "Half-maximum edge",
+    "half_rise": "Half-rise edge",
 }
 
 INK = "#22303c"

@@ -20,6 +20,8 @@ POINTS_PER_EDGE = 16
 BAND_MARGIN = 1.3
 NO_DATA = "rgba(110,125,140,0.3)"
 PANEL_GAP = 0.035
+TOP_PX = 72
+"""Room above the panels for the legend, and above that for the toolbar."""
 
 QUANTITY_NAMES = {
     "db_over_background": "dB over background",
@@ -254,7 +256,7 @@ def _layout(panels: list[Panel], band: tuple[float, float]) -> dict[str, Any]:
         },
         "annotations": list(_panel_names(panels, bottoms, height)),
         "legend": {"orientation": "h", "x": 0.0, "y": 1.01, "yanchor": "bottom", "groupclick": "togglegroup"},
-        "margin": {"l": 56, "r": 10, "t": 40, "b": 50},
+        "margin": {"l": 56, "r": 10, "t": TOP_PX, "b": 50},
         "hovermode": "closest",
         "dragmode": "zoom",
         "font": {"family": "system-ui, sans-serif", "size": 13, "color": INK},

@@ -29,6 +29,8 @@ MODEL_COLOURS = ("#7a4fb5", "#11936b", "#b8508f", "#8c6d1f", "#5b6b7a")
 CORRECTED_MARKERS = ("v", "^")
 EMISSION_DASHES = {1: "-", 2: "--"}
 LEAST_SHOWN_DEG = 10.0
+DRAWN_FITS = ((0, "two_step", "unweighted", "--"), (1, "weighted", "errors in both", "-"), (3, "joint", "joint", ":"))
+"""Place of its style, name, words and dashes of each spiral of one speed."""
 
 
 def write_polar_fit_png(path: Path, posterior: xr.Dataset, fits: Mapping[str, Any]) -> None:
@@ -41,8 +43,8 @@ def write_polar_fit_png(path: Path, posterior: xr.Dataset, fits: Mapping[str, An
     posterior : xarray.Dataset
         A solution of :func:`bella.multilateration.localise`.
     fits : mapping
-        What :func:`bella.tracks.track_fit` and :func:`bella.tracks.piecewise_fit` say of it, together; a fit that is
-        missing, or has no parameters, is not drawn.
+        What :func:`bella.tracks.track_fit` and :func:`bella.tracks.piecewise_fit` say of it, and ``joint``, together;
+        a fit that is missing, or has no parameters, is not drawn.
     """
     track = polar_track(posterior)
     longitude = _without_jumps(track)
@@ -97,16 +99,17 @@ def _draw_ellipses(axes: Axes, posterior: xr.Dataset, longitude: FloatArray) -> 
 
 
 def _draw_fits(axes: Axes, fits: Mapping[str, Any], range_rsun: FloatArray, longitude: FloatArray) -> None:
-    """Lines of the unweighted, the weighted and the broken spiral."""
+    """Lines of the unweighted, the weighted, the joint and the broken spiral."""
     middle = float(np.nanmedian(longitude))
-    drawn = (("two_step", "unweighted", "--"), ("weighted", "errors in both", "-"))
-    for style, (name, words, dashes) in zip(TRACK_STYLES[:2], drawn, strict=True):
+    for place, name, words, dashes in DRAWN_FITS:
+        style = TRACK_STYLES[place]
         fit = fits.get(name, {})
         if _mean(fit, "phi0_deg") is None or _mean(fit, "v_sw_km_s") is None:
             continue
         phi0, speed = float(fit["phi0_deg"]["mean"]), float(fit["v_sw_km_s"]["mean"])
         line = spiral_longitude_deg(range_rsun, phi0, speed, float(fit["rotation_period_d"]))
-        label = f"{words}: {speed:.0f} ± {fit['v_sw_km_s']['sd']:.0f} km/s"
+        said = f"{speed:.0f} ± {fit['v_sw_km_s']['sd']:.0f} km/s" if speed > 0 else "no spiral"
+        label = f"{words}: {said}"
         axes.plot(range_rsun, _nearest_turn(line, middle), color=style.colour, lw=1.5, ls=dashes, label=label, zorder=4)
     _draw_pieces(axes, fits.get("piecewise", {}), middle)
 

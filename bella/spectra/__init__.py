@@ -4,7 +4,14 @@ from bella.spectra.background import Background, decibels, over_background, quie
 from bella.spectra.by_observatory import by_observatory, cut
 from bella.spectra.combination import combine_receivers, join_days
 from bella.spectra.digitised import event_spectra
-from bella.spectra.dynamic_spectrum import QUANTITIES, light_curve, relative_power, sample_times, validate_spectrum
+from bella.spectra.dynamic_spectrum import (
+    QUANTITIES,
+    light_curve,
+    power_above_background,
+    relative_power,
+    sample_times,
+    validate_spectrum,
+)
 from bella.spectra.given_positions import given_position_hee
 from bella.spectra.products import PRODUCTS, Product, find_product
 from bella.spectra.reading import open_spectra
@@ -25,6 +32,7 @@ __all__ = [
     "light_curve",
     "open_spectra",
     "over_background",
+    "power_above_background",
     "quiet_level",
     "relative_power",
     "sample_times",

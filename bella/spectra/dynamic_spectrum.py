@@ -151,6 +151,23 @@ def relative_power(spectrum: xr.Dataset) -> xr.DataArray:
     return intensity**exponent
 
 
+def power_above_background(spectrum: xr.Dataset) -> xr.DataArray:
+    """Power of what is above the background, so that half of its maximum is half of the burst.
+
+    Parameters
+    ----------
+    spectrum : xarray.Dataset
+        A dynamic spectrum, in decibels over background or with its background taken away.
+
+    Returns
+    -------
+    xarray.DataArray
+        Float64 (time, frequency), in units of the background where the spectrum is in decibels over it.
+    """
+    power = relative_power(spectrum)
+    return power - 1.0 if spectrum.attrs["quantity"] == "db_over_background" else power
+
+
 def sample_times(spectrum: xr.Dataset) -> xr.DataArray:
     """When every sample was taken.
 

@@ -10,6 +10,7 @@ from api.app import create_app
 from bella.catalogue import Catalogue
 from bella.settings import Settings
 from tests.api.published import publish_event, publish_many, published, settings_of, synthetic_burst
+from tests.plotting.synthetic import synthetic_track_fit
 
 
 @pytest.fixture(scope="session")
@@ -37,4 +38,27 @@ def empty(tmp_path: Path) -> Settings:
     settings = settings_of(tmp_path / "home", max_pending_submissions=2, max_submission_bytes=20_000)
     settings.store_root.mkdir(parents=True)
     Catalogue.open(settings.catalogue_url, create=True).close()
+    return settings
+
+
+@pytest.fixture
+def settings_of_old(tmp_path: Path) -> Settings:
+    """Home folder with a solution that was published before there was a joint fit."""
+    settings = settings_of(tmp_path / "home")
+    fit = synthetic_track_fit("gauss_hermite")
+    old = {name: fit[name] for name in ("frame", "rotation_period_d", "two_step", "two_step_other_rotations")}
+    with Catalogue.open(settings.catalogue_url, create=True) as catalogue:
+        published(settings, catalogue, edge="gauss_hermite", track_fit=old)
+    return settings
+
+
+@pytest.fixture
+def settings_with_figures(tmp_path: Path) -> Settings:
+    """Home folder with one solution, of which one figure was drawn."""
+    settings = settings_of(tmp_path / "home")
+    with Catalogue.open(settings.catalogue_url, create=True) as catalogue:
+        solution = published(settings, catalogue, edge="gauss_hermite")
+    figure = settings.fit_figure(solution.burst_id, solution.solution_id, "polar-fit")
+    figure.parent.mkdir(parents=True)
+    figure.write_bytes(b"\x89PNG\r\n\x1a\n")
     return settings

@@ -9,6 +9,7 @@ from contextlib import contextmanager
 from dataclasses import replace
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import uvicorn
@@ -54,6 +55,7 @@ def published(
     inputs_hash: str = "a" * 64,
     flags: tuple[str, ...] = ("speed_not_constrained",),
     frequencies: np.ndarray = CHANNELS,
+    track_fit: dict[str, Any] | None = None,
 ) -> Solution:
     """Publish one synthetic solution."""
     burst = burst or synthetic_burst()
@@ -71,7 +73,7 @@ def published(
             store_sha256=sha256,
             reference_utc=datetime.fromisoformat(REFERENCE),
             localisations=rows,
-            track_fit=synthetic_track_fit(edge),
+            track_fit=track_fit or synthetic_track_fit(edge),
             sources=(SourceFile("synthetic", ONSET.date(), "1", inputs_hash, "done", "synthetic"),),
         )
     )

@@ -116,6 +116,8 @@ def test_track_holds_the_localisations_of_the_posterior(client: TestClient) -> N
         assert rows[0]["cov_zz_rsun2"] is None
         assert reply["frame"] == "HEE"
         assert reply["track_fit"]["two_step"]["points"] == 200
+        assert reply["track_fit"]["joint"]["v_sw_km_s"]["q97_5"] > reply["track_fit"]["joint"]["v_sw_km_s"]["mean"]
+        assert reply["track_fit"]["companions"]["piecewise"]["flags"] == ["not_computed"]
 
 
 def test_an_older_version_is_still_there(client: TestClient) -> None:

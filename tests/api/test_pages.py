@@ -57,10 +57,54 @@ def test_burst_page_shows_both_fits_and_that_the_edge_decides(client: TestClient
     text = page(client, f"/bursts/{BURST_ID}")
     assert "30.0 ± 0.8" in text
     assert "14.0 ± 0.8" in text
-    assert text.count("24.47") == text.count("25.38") == 2
+    table = text[text.index('class="fits"') : text.index('id="track-title"')]
+    assert table.count("24.47") == table.count("25.38") == 2
     assert "decides the track" in text
     assert "apparent source: no scattering correction" in text
     assert "speed not constrained (contraction 0.99)" in text
+
+
+def test_track_section_has_a_column_per_method_and_says_why_they_differ(client: TestClient) -> None:
+    text = page(client, f"/bursts/{BURST_ID}")
+    section = text[text.index('id="track-title"') : text.index('id="download-title"')]
+    assert (
+        re.findall(r'<th scope="col" class="value">([^<]+)</th>', section)
+        == ["Joint", "Two-step", "Piecewise", "SEMP"] * 2
+    )
+    assert re.findall(r'data-method="Joint">(29.0 ± 4.4) <span class="within">(20.0 to 38.0)', section)
+    for words in (
+        "claims ± 12 km/s where the joint fit finds ± 80, 7 times as much",
+        "with 25.38 d instead of 24.47 d each is 3.6% lower",
+        "18° from that of the joint fit, more than their errors allow",
+        "0.50 c against 0.15 c",
+        "Piecewise: a spiral needs 3 positions; add frequencies",
+        "Gauss-Hermite edge 29.0 ± 4.4° and 440 ± 80 km/s, Half-maximum edge 13.0 ± 4.4° and 2090 ± 380 km/s",
+        "Stonyhurst 29° (68 %: 24 to 33°, 95 %: 20 to 38°); Carrington 211°",
+        "WIND 33° (12 to 53°), VOYAGER not known",
+    ):
+        assert words in section, words
+    assert "<img" not in section, "a run that was killed before it drew has no figures"
+
+
+def test_burst_page_of_an_older_version_has_no_track_section(settings_of_old: Settings) -> None:
+    with TestClient(create_app(settings_of_old)) as other:
+        text = page(other, f"/bursts/{BURST_ID}")
+    assert "30.0 ± 0.8" in text
+    assert 'id="track-title"' not in text
+
+
+def test_figures_of_a_solution_are_shown_once_they_are_drawn(settings_with_figures: Settings) -> None:
+    with TestClient(create_app(settings_with_figures)) as other:
+        text = page(other, f"/bursts/{BURST_ID}")
+        addresses = re.findall(r'<img src="(/api/[^"]+)"', text)
+        assert len(addresses) == 1
+        reply = other.get(addresses[0])
+        assert (reply.status_code, reply.headers["content-type"]) == (200, "image/png")
+        assert "immutable" in reply.headers["cache-control"]
+        missing = other.get(addresses[0].replace("polar-fit", "density"))
+        assert missing.status_code == 404
+        assert "run the burst again" in missing.json()["detail"]
+        assert other.get(addresses[0].replace("polar-fit", "anything")).status_code == 422
 
 
 def test_burst_page_marks_the_superseded_version(client: TestClient) -> None:

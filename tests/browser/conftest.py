@@ -9,9 +9,11 @@ from typing import Any
 import pytest
 from playwright.sync_api import Browser, Page, sync_playwright
 
-from bella.catalogue import Catalogue
+from bella.catalogue import Catalogue, Solution
+from bella.plotting import write_density_png, write_polar_fit_png
+from bella.settings import FIT_FIGURES, Settings
 from tests.api.published import publish_event, publish_many, served, settings_of
-from tests.plotting.synthetic import BURST_ID, FREQUENCIES_MHZ
+from tests.plotting.synthetic import BURST_ID, FREQUENCIES_MHZ, synthetic_posterior, synthetic_track_fit
 
 CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
 ARTIFACTS = Path(__file__).parents[2] / "test-artifacts"
@@ -48,10 +50,19 @@ def address(tmp_path_factory: pytest.TempPathFactory) -> Iterator[str]:
     """A service over nine bursts, the first one with both tracks at all its frequencies."""
     settings = settings_of(tmp_path_factory.mktemp("browser"))
     with Catalogue.open(settings.catalogue_url, create=True) as catalogue:
-        publish_event(settings, catalogue, FREQUENCIES_MHZ)
+        for solution in publish_event(settings, catalogue, FREQUENCIES_MHZ):
+            draw_fits(settings, solution)
         publish_many(settings, catalogue, 8)
     with served(settings) as base:
         yield base
+
+
+def draw_fits(settings: Settings, solution: Solution) -> None:
+    """Draw the figures of a solution, as the flow does."""
+    posterior, fit = synthetic_posterior(solution.series.edge), synthetic_track_fit(solution.series.edge)
+    paths = [settings.fit_figure(solution.burst_id, solution.solution_id, name) for name in FIT_FIGURES]
+    write_polar_fit_png(paths[0], posterior, fit | fit["companions"])
+    write_density_png(paths[1], posterior)
 
 
 @pytest.fixture(scope="session")

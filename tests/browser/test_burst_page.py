@@ -10,6 +10,7 @@ from tests.browser.conftest import Watch
 from tests.plotting.synthetic import FREQUENCIES_MHZ
 
 PHONE = {"viewport": {"width": 390, "height": 844}, "has_touch": True}
+LAPTOP = {"viewport": {"width": 1200, "height": 800}}
 DARK = {"color_scheme": "dark"}
 
 
@@ -74,7 +75,7 @@ def test_zoom_goes_into_the_address_and_comes_back_from_it(watch: Watch, burst_p
     page = watch.open(burst_path)
     before = ranges(page, "constellation")
     drag(page, "constellation", (0.45, 0.35), (0.85, 0.65))
-    page.wait_for_function("location.search.includes('x=')")
+    page.wait_for_function("() => location.search.includes('x=')")
     zoomed = ranges(page, "constellation")
     assert zoomed[0][1] - zoomed[0][0] < 0.7 * (before[0][1] - before[0][0])
     page.reload()
@@ -87,7 +88,7 @@ def test_zoom_goes_into_the_address_and_comes_back_from_it(watch: Watch, burst_p
 def test_zoom_of_the_spectra_is_shared_by_the_panels_and_kept_in_mhz(watch: Watch, burst_path: str) -> None:
     page = watch.open(burst_path)
     drag(page, "spectra", (0.05, 0.2), (0.4, 0.9))
-    page.wait_for_function("location.search.includes('f=')")
+    page.wait_for_function("() => location.search.includes('f=')")
     low, high = sorted(float(end) for end in view(page)["f"].split(","))
     assert 0.05 < low < high < 5
     assert view(page)["t"].startswith("2012-06-07T19:")
@@ -105,14 +106,14 @@ def test_double_click_takes_the_zoom_out_of_the_address(watch: Watch, burst_path
     page = watch.open(f"{burst_path}?x=0,120&y=-60,60")
     assert ranges(page, "constellation")[0] == pytest.approx([0, 120], abs=20)
     page.locator("#constellation .nsewdrag").first.dblclick()
-    page.wait_for_function("!location.search.includes('x=')")
+    page.wait_for_function("() => !location.search.includes('x=')")
 
 
 def test_buttons_zoom_to_the_track_and_back(watch: Watch, burst_path: str) -> None:
     page = watch.open(burst_path)
     whole = ranges(page, "constellation")
     page.get_by_role("button", name="Zoom to track").click()
-    page.wait_for_function("location.search.includes('x=')")
+    page.wait_for_function("() => location.search.includes('x=')")
     (west, east), (south, north) = ranges(page, "constellation")
     assert east - west == pytest.approx(north - south)
     assert east - west < 0.6 * (whole[0][1] - whole[0][0])
@@ -126,7 +127,7 @@ def test_buttons_zoom_to_the_track_and_back(watch: Watch, burst_path: str) -> No
         assert south < below < above < north
     watch.photograph("burst-track")
     page.get_by_role("button", name="Whole constellation").click()
-    page.wait_for_function("!location.search.includes('x=')")
+    page.wait_for_function("() => !location.search.includes('x=')")
     for restored, before in zip(ranges(page, "constellation"), whole, strict=True):
         assert restored == pytest.approx(before)
 
@@ -142,7 +143,7 @@ def test_slider_moves_the_regions_and_the_numbers(watch: Watch, burst_path: str)
         page.keyboard.press("Home")
     expect(page.locator("#frequency-shown")).to_have_text("0.150 MHz")
     expect(page.locator("#selected-rows")).not_to_have_text(numbers)
-    page.wait_for_function(f"JSON.stringify(({read})()) !== {str(before).replace(' ', '')!r}")
+    page.wait_for_function(f"() => JSON.stringify(({read})()) !== {str(before).replace(' ', '')!r}")
     assert view(page)["frequency"] == "0.1500"
     page.reload()
     page.wait_for_selector("body[data-drawn='2']")
@@ -155,7 +156,7 @@ def test_click_on_a_spectrum_chooses_its_frequency(watch: Watch, burst_path: str
     box = page.locator("#spectra .nsewdrag").first.bounding_box()
     assert box is not None
     page.mouse.click(box["x"] + box["width"] * 0.7, box["y"] + box["height"] * 0.75)
-    page.wait_for_function("location.search.includes('frequency=')")
+    page.wait_for_function("() => location.search.includes('frequency=')")
     assert 0.1 < float(view(page)["frequency"]) < 0.6
 
 
@@ -165,13 +166,13 @@ def test_a_track_that_is_switched_off_is_off_in_both_figures_and_in_the_address(
         t => t.legendgroup === 'gauss_hermite' && t.visible !== 'legendonly').length)"""
     assert min(page.evaluate(count)) >= 3
     page.locator("#constellation .legendtoggle").first.click()
-    page.wait_for_function("location.search.includes('hidden=gauss_hermite')")
+    page.wait_for_function("() => location.search.includes('hidden=gauss_hermite')")
     assert page.evaluate(count) == [0, 0]
     page.reload()
     page.wait_for_selector("body[data-drawn='2']")
     assert page.evaluate(count) == [0, 0]
     page.locator("#spectra .legendtoggle").first.click()
-    page.wait_for_function("!location.search.includes('hidden')")
+    page.wait_for_function("() => !location.search.includes('hidden')")
     assert min(page.evaluate(count)) >= 3
 
 
@@ -190,6 +191,31 @@ def test_a_phone_needs_no_sideways_scrolling(watch: Watch, burst_path: str) -> N
     watch.open("/")
     assert page.evaluate("document.documentElement.scrollWidth") <= 390
     watch.photograph("catalogue-phone")
+
+
+@pytest.mark.parametrize("watch", [LAPTOP], indirect=True)
+def test_no_table_scrolls_and_no_legend_touches_the_toolbar_on_a_laptop(watch: Watch, burst_path: str) -> None:
+    page = watch.open(burst_path)
+    wide = "[...document.querySelectorAll('.scroll')].filter(e => e.scrollWidth > e.clientWidth).length"
+    assert page.evaluate(wide) == 0
+    page.locator("#spectra").hover()
+    legend, toolbar = (
+        page.locator(f"#spectra {part}").first.bounding_box() for part in (".legend", ".modebar-container .modebar")
+    )
+    assert legend is not None
+    assert toolbar is not None
+    assert toolbar["y"] + toolbar["height"] <= legend["y"]
+
+
+def test_track_section_shows_both_figures_of_each_edge(watch: Watch, burst_path: str) -> None:
+    page = watch.open(burst_path)
+    pictures = page.locator(".drawn img")
+    assert pictures.count() == 4
+    for picture in pictures.all():
+        picture.scroll_into_view_if_needed()
+        page.wait_for_function("image => image.complete && image.naturalWidth > 500", arg=picture.element_handle())
+    expect(page.locator("table.methods").first).to_contain_text("29.0 ± 4.4")
+    watch.photograph("burst-track-section", full_page=True)
 
 
 @pytest.mark.parametrize("watch", [DARK], indirect=True)

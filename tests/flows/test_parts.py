@@ -1,6 +1,7 @@
 """The plain functions under the flow, without Prefect's engine."""
 
 import hashlib
+import json
 from contextlib import closing
 from dataclasses import replace
 from pathlib import Path
@@ -17,13 +18,14 @@ from bella.arrivals import arrivals_csv, locate_receivers
 from bella.bursts import EVENT, half_maximum_arrivals, published_arrivals
 from bella.catalogue import Catalogue, Series
 from bella.cli import app
-from bella.exceptions import BusyError, InputError, StoreError, UnreachableError
+from bella.exceptions import BusyError, GeometryError, InputError, NoDataError, StoreError, UnreachableError
 from bella.multilateration import localise
 from bella.settings import Settings
 from bella.tracks import track_fit
 from flows import environment, progress
 from flows.inputs import load_burst
 from flows.publication import Draft, inputs_hash, publish, solution_flags
+from flows.tracks import attempted, fitted_track
 
 SERIES = Series("half_maximum", "posterior", "default", 2)
 
@@ -53,7 +55,7 @@ def test_inputs_hash_changes_with_everything_a_solution_depends_on(located: Any)
 def test_built_in_event_names_its_inputs() -> None:
     given = load_burst(EVENT.name, Path("nowhere"))
     assert given.burst.burst_id == "T3-20120607-1929"
-    assert set(given.arrivals) == {"gauss_hermite", "half_maximum"}
+    assert set(given.arrivals) == {"gauss_hermite", "half_maximum", "half_rise"}
     assert given.spectra is not None
     assert set(given.spectra.children) == set(given.burst.observatories)
     assert len({source.sha256 for source in given.sources}) == len(given.sources) >= 3
@@ -75,6 +77,49 @@ def test_submission_that_was_changed_is_refused(tmp_path: Path) -> None:
     (tmp_path / f"{'0' * 64}.csv").write_text(arrivals_csv(published_arrivals(np.array([0.2, 2.0]))))
     with pytest.raises(InputError, match="hand it in again"):
         load_burst("0" * 64, tmp_path)
+
+
+def test_track_of_a_solution_holds_every_method_and_its_draws_reach_the_store(tmp_path: Path) -> None:
+    settings = Settings(home=tmp_path, draws=500)
+    arrivals = locate_receivers(half_maximum_arrivals())
+    given = load_burst(EVENT.name, Path("nowhere"))
+    track, posterior = fitted_track(localise(arrivals, draws=200), arrivals, SERIES, settings)
+    assert track["joint"]["frequencies"] == 40
+    assert track["joint"]["rotation_period_d"] == track["rotation_period_d"] == 24.47
+    assert set(track["companions"]) == {"semp", "weighted", "piecewise", "density_excess", "footpoint"}
+    assert all("reason" not in one for one in track["companions"].values())
+    with closing(Catalogue.open(settings.catalogue_url, create=True)) as catalogue:
+        solution = publish(Draft(given.burst, SERIES, "0" * 64, posterior, track, given.sources), catalogue, settings)
+        assert catalogue.track_fit(solution.solution_id) == json.loads(json.dumps(track))
+    assert set(track["joint"]["flags"]) <= set(solution.flags)
+    with xr.open_zarr(settings.store_root / solution.store_path, chunks=None) as group:
+        wind = group["joint_draws"].sel(joint_parameter="v_sw_km_s")
+        assert wind.sizes == {"joint_draw": 500}
+        assert float(wind.median()) == pytest.approx(track["joint"]["v_sw_km_s"]["q50"], rel=0.2)
+        assert group["joint_draws"].attrs["units"] == "as the name of the parameter says"
+
+
+def test_what_cannot_be_computed_says_why_and_stops_nothing(located: Any) -> None:
+    alone = located[located["frequency_mhz"] == 1.0]
+    track, posterior = fitted_track(localise(alone, draws=200), alone, SERIES, Settings())
+    assert track["joint"]["flags"] == ["too_few_frequencies"]
+    assert "joint_draws" not in posterior
+    found = track["companions"]
+    assert found["semp"] == {"flags": ["not_computed"], "reason": found["semp"]["reason"]}
+    assert "at least 4" in found["semp"]["reason"]
+    assert "add frequencies" in found["footpoint"]["reason"]
+    assert found["piecewise"]["flags"] == ["too_few_positions"]
+    assert found["density_excess"]["flags"] == []
+
+
+@pytest.mark.parametrize("error", [GeometryError("collinear"), NoDataError("outside the table"), InputError("wrong")])
+def test_only_expected_errors_of_a_companion_are_recorded(error: Exception) -> None:
+    def refuse() -> dict[str, Any]:
+        raise error
+
+    assert attempted(refuse) == {"flags": ["not_computed"], "reason": str(error)}
+    with pytest.raises(ZeroDivisionError):
+        attempted(lambda: {"ratio": 1 / 0})
 
 
 def test_burst_of_one_frequency_is_published_without_a_spiral(tmp_path: Path, located: Any) -> None:
@@ -101,6 +146,8 @@ def test_burst_of_one_frequency_is_published_without_a_spiral(tmp_path: Path, lo
 def test_solution_flags_are_those_of_rows_and_fit() -> None:
     posterior = xr.Dataset({"flags": ("frequency", np.array(["", "b;a", "b"]))})
     assert solution_flags(posterior, {"two_step": {"flags": ["formal_errors"]}}) == ("a", "b", "formal_errors")
+    both = {"two_step": {"flags": ["formal_errors"]}, "joint": {"flags": ["poor_fit"]}}
+    assert solution_flags(posterior, both) == ("a", "b", "formal_errors", "poor_fit")
     assert solution_flags(posterior.isel(frequency=[0]), {}) == ()
 
 

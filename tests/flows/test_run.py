@@ -38,7 +38,7 @@ def groups_of(sandbox: Sandbox) -> list[str]:
 
 def test_summary_says_what_was_found(first_run: FirstRun) -> None:
     _, done = first_run
-    for word in (BURST, "gauss_hermite", "half_maximum", "n.c. (1.00)", "24.47", "25.38", "2 new solutions"):
+    for word in (BURST, "gauss_hermite", "half_maximum", "n.c. (1.00)", "24.47", "25.38", "3 new solutions"):
         assert word in done.stdout, done.stdout
     assert "Traceback" not in done.stdout + done.stderr
     assert "localise" in done.stderr, "progress is shown on standard error"
@@ -65,6 +65,23 @@ def test_published_result_is_reproduced(first_run: FirstRun) -> None:
     assert all(row.contraction_v > 0.99 for row in rows)
 
 
+def test_joint_fit_agrees_with_the_paper_and_has_honest_errors(first_run: FirstRun) -> None:
+    sandbox, done = first_run
+    with closing(catalogue_of(sandbox)) as catalogue:
+        tracks = {one.series.edge: catalogue.track_fit(one.solution_id) for one in catalogue.versions(BURST)}
+        flags = {one.series.edge: one.flags for one in catalogue.versions(BURST)}
+    joint = tracks["gauss_hermite"]["joint"]
+    for name, published in tracks["gauss_hermite"]["published"].items():
+        if name in {"phi0_deg", "v_sw_km_s"}:
+            assert abs(joint[name]["mean"] - published["mean"]) < joint[name]["sd"]
+            assert joint[name]["sd"] > 10 * tracks["gauss_hermite"]["two_step"][name]["sd"]
+    assert f"{joint['phi0_deg']['mean']:+.1f} ± {joint['phi0_deg']['sd']:.1f}°" in done.stdout
+    assert "not_a_spiral" in flags["half_maximum"]
+    assert "not_a_spiral" not in flags["gauss_hermite"]
+    for track in tracks.values():
+        assert {name for name, one in track["companions"].items() if "not_computed" in one["flags"]} == set()
+
+
 def test_edge_definition_changes_the_track(first_run: FirstRun) -> None:
     sandbox, _ = first_run
     with closing(catalogue_of(sandbox)) as catalogue:
@@ -80,7 +97,9 @@ def test_edge_definition_changes_the_track(first_run: FirstRun) -> None:
 
 def test_figures_are_pictures(first_run: FirstRun) -> None:
     sandbox, done = first_run
-    for name in ("constellation-posterior-bella-2024.png", "spectra.png"):
+    series = [f"{edge}.posterior.bella-2024.2d.v1" for edge in ("gauss_hermite", "half_maximum", "half_rise")]
+    fits = [f"{name}-{one}.png" for name in ("polar-fit", "density") for one in series]
+    for name in ("constellation-posterior-bella-2024.png", "spectra.png", *fits):
         path = sandbox.home / "figures" / BURST / name
         assert str(path) in done.stdout
         content = path.read_bytes()
@@ -111,7 +130,7 @@ def test_logs_carry_burst_and_run(first_run: FirstRun) -> None:
     sandbox, _ = first_run
     lines = [json.loads(line) for line in (sandbox.home / "logs" / "bella.log").read_text().splitlines()]
     published = [line for line in lines if line["event"] == "published"]
-    assert {line["edge"] for line in published} == {"gauss_hermite", "half_maximum"}
+    assert {line["edge"] for line in published} == {"gauss_hermite", "half_maximum", "half_rise"}
     assert {line["burst_id"] for line in published} == {BURST}
     assert len({line["run_id"] for line in lines}) == 1
 
@@ -175,6 +194,7 @@ def test_killed_run_leaves_nothing_visible_and_the_next_one_finishes(sandbox: Sa
         assert {(one.series.edge, one.version) for one in catalogue.versions(BURST)} == {
             ("gauss_hermite", 1),
             ("half_maximum", 1),
+            ("half_rise", 1),
         }
 
 

@@ -126,6 +126,7 @@ def synthetic_track_fit(edge: str = "gauss_hermite") -> dict:
             "r0_rsun": 1.0,
             "points": 200,
             "rms_rsun": 1.7,
+            "rotation_period_d": period,
             "flags": [],
             "model": "two-step",
         }
@@ -135,6 +136,56 @@ def synthetic_track_fit(edge: str = "gauss_hermite") -> dict:
         "rotation_period_d": PERIOD_D,
         "two_step": fit(PERIOD_D),
         "two_step_other_rotations": {"25.38": fit(25.38)},
+        "joint": synthetic_joint(phi0, speed),
+        "companions": synthetic_companions(phi0),
+    }
+
+
+def synthetic_joint(phi0: float, speed: float) -> dict:
+    """Joint fit whose errors are larger than those of the line, and whose wind is skewed."""
+
+    def quantity(mean: float, sd: float, low: float, high: float) -> dict[str, float]:
+        return {"mean": mean, "sd": sd, "q2_5": low, "q97_5": high, "contraction": 0.3}
+
+    return {
+        "model": "joint spiral",
+        "phi0_deg": quantity(phi0 - 1.0, 4.4, phi0 - 10.0, phi0 + 8.0),
+        "v_sw_km_s": quantity(1.1 * speed, 0.2 * speed, 0.8 * speed, 1.6 * speed),
+        "a_rsun": quantity(35.9, 1.6, 32.9, 39.0),
+        "b": quantity(-1.05, 0.04, -1.13, -0.97),
+        "beam_speed_c": quantity(0.5, 0.02, 0.46, 0.54),
+        "release_utc": {"mean": "2012-06-07T19:20:29.779Z", "sd": 8.8},
+        "rotation_period_d": PERIOD_D,
+        "flags": [],
+    }
+
+
+def synthetic_companions(phi0: float) -> dict:
+    """SEMP apart from the joint fit, a footpoint, and a piecewise spiral that could not be fitted."""
+    foot = {"mean": phi0 - 1.2, "sd": 4.4, "q2_5": phi0 - 10, "q16": phi0 - 5.6, "q84": phi0 + 3.2, "q97_5": phi0 + 8}
+    angles = {"connection_angle_deg": {"mean": 33.0, "sd": 4.4}, "at_300_km_s_deg": 53.0, "at_600_km_s_deg": 12.0}
+    return {
+        "semp": {
+            "model": "one beam",
+            "phi0_deg": {"mean": phi0 - 19.0, "sd": 5.9},
+            "beam_speed_c": {"mean": 0.15, "sd": 0.005},
+            "release_utc": {"mean": "2012-06-07T19:20:03.643Z", "sd": 11.2},
+            "v_sw_km_s": 400.0,
+            "rms_s": 71.2,
+            "error_scale": 2.4,
+            "rotation_period_d": 27.32,
+            "flags": [],
+        },
+        "piecewise": {"flags": ["not_computed"], "reason": "a spiral needs 3 positions; add frequencies"},
+        "footpoint": {
+            "stonyhurst": foot,
+            "carrington": {name: value + 182.6 * (name != "sd") for name, value in foot.items()},
+            "connections": [
+                {"observatory": "WIND", "flags": [], **angles},
+                {"observatory": "VOYAGER", "flags": ["not_computed"], "reason": "VOYAGER is not known"},
+            ],
+            "flags": [],
+        },
     }
 
 

@@ -40,7 +40,7 @@ def observed() -> dict[str, xr.Dataset]:
 
 
 SPECTRA = observed()
-ARRIVALS = pd.concat([spectrum_edges(one) for one in SPECTRA.values()], ignore_index=True)
+ARRIVALS = pd.concat([spectrum_edges(one, "half_maximum") for one in SPECTRA.values()], ignore_index=True)
 
 
 def panels(figure: Figure) -> np.ndarray:

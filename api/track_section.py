@@ -1,0 +1,185 @@
+"""The section of the burst page about tracks: parameters by method, and what their disagreements mean."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+from api.remarks import remarks_of
+from api.rendering import written_error
+from api.schemas import SolutionReply
+
+Fit = Mapping[str, Any]
+DASH = "\N{EN DASH}"
+METHODS = {"joint": "Joint", "two_step": "Two-step", "piecewise": "Piecewise", "semp": "SEMP", "published": "Paper"}
+ROWS = {
+    "phi0_deg": ("φ₀ at 1 R☉ (°)", 1),
+    "v_sw_km_s": ("Solar wind (km/s)", 0),
+    "beam_speed_c": ("Beam (c)", 3),
+    "release_utc": ("Beam at 1 R☉ (UTC)", 0),
+    "a_rsun": ("Distance at 0.55 MHz (R☉)", 1),
+    "b": ("Exponent of the distance", 3),
+}
+"""Words and decimals of each parameter."""
+
+
+class Cell(NamedTuple):
+    """What a method says of a parameter, and its 95 % interval where that is not the one of a Gaussian."""
+
+    words: str
+    interval: str = ""
+
+
+@dataclass(frozen=True)
+class TrackSection:
+    """What the page says of the track of one solution.
+
+    Attributes
+    ----------
+    solution : SolutionReply
+    methods : list of str
+        Words of the columns.
+    rows : list of (str, list of Cell)
+        Parameter, and what each method says of it.
+    remarks : list of str
+    footpoint : str
+        Where the field line starts on the Sun, and which spacecraft was connected to there; empty where not asked.
+    figures : list of (str, str, str)
+        Title, address and description of each figure that was drawn.
+    """
+
+    solution: SolutionReply
+    methods: list[str]
+    rows: list[tuple[str, list[Cell]]]
+    remarks: list[str]
+    footpoint: str
+    figures: list[tuple[str, str, str]]
+
+
+def track_section(solution: SolutionReply, track: Fit, figures: list[tuple[str, str, str]]) -> TrackSection | None:
+    """Section of a solution.
+
+    Parameters
+    ----------
+    solution : SolutionReply
+    track : mapping
+        Track fit as kept in the catalogue.
+    figures : list of (str, str, str)
+
+    Returns
+    -------
+    TrackSection or None
+        None where the solution was published without a joint fit.
+    """
+    if not track.get("joint"):
+        return None
+    fits = fits_of(track)
+    rows = [(words, [cell(fit, name, digits) for fit in fits.values()]) for name, (words, digits) in ROWS.items()]
+    rows += [("Residual", [Cell(_residual(fit)) for fit in fits.values()])]
+    rows += [("Rotation period (d)", [Cell(_period(fit)) for fit in fits.values()])]
+    foot = footpoint_words(track.get("companions", {}).get("footpoint", {}))
+    return TrackSection(solution, [METHODS[name] for name in fits], rows, remarks_of(fits, track), foot, figures)
+
+
+def footpoint_words(foot: Fit) -> str:
+    """Footpoint with its intervals, and the connection of each spacecraft.
+
+    Parameters
+    ----------
+    foot : mapping
+        As it is stored.
+
+    Returns
+    -------
+    str
+        Empty where nothing is stored.
+    """
+    if "stonyhurst" not in foot:
+        return f"not computed: {foot['reason']}" if "reason" in foot else ""
+    places = "; ".join(f"{name.capitalize()} {_interval(foot[name])}" for name in ("stonyhurst", "carrington"))
+    each = [f"{one['observatory']} {_connection(one)}" for one in foot["connections"]]
+    return (
+        f"{places}. West of it the spacecraft had their own footpoints, with an assumed wind of 400 km/s (in brackets "
+        f"600 to 300 km/s): {', '.join(each)}."
+    )
+
+
+def _interval(longitude: Fit) -> str:
+    low68, high68, low95, high95 = (_whole(longitude[end]) for end in ("q16", "q84", "q2_5", "q97_5"))
+    return f"{_whole(longitude['mean'])}° (68 %: {low68} to {high68}°, 95 %: {low95} to {high95}°)"
+
+
+def _connection(one: Fit) -> str:
+    if "connection_angle_deg" not in one:
+        return "not known"
+    ends = (_whole(one[f"at_{speed}_km_s_deg"]) for speed in (600, 300))
+    return f"{_whole(one['connection_angle_deg']['mean'])}° ({' to '.join(ends)}°)"
+
+
+def _whole(value: float) -> str:
+    return f"{value:.0f}".replace("-", "\N{MINUS SIGN}")
+
+
+def fits_of(track: Fit) -> dict[str, Fit]:
+    """Fits of a track by method, in the order of the columns.
+
+    Parameters
+    ----------
+    track : mapping
+
+    Returns
+    -------
+    dict of str to mapping
+    """
+    known = {**track.get("companions", {}), **track}
+    return {name: known[name] for name in METHODS if known.get(name)}
+
+
+def cell(fit: Fit, name: str, digits: int) -> Cell:
+    """What a method says of a parameter.
+
+    Parameters
+    ----------
+    fit : mapping
+    name : str
+        Such as ``phi0_deg``.
+    digits : int
+        Decimals.
+
+    Returns
+    -------
+    Cell
+        Mean ± sd; a dash where there is nothing.
+    """
+    if name == "v_sw_km_s" and fit.get("segments"):
+        return Cell(", ".join(_segment(one) for one in fit["segments"]))
+    value = fit.get(name)
+    if isinstance(value, int | float):
+        return Cell(f"{value:.{digits}f} assumed")
+    if name == "release_utc" and value and value.get("mean"):
+        return Cell(f"{value['mean'][11:19]} ± {value['sd']:.0f} s")
+    return Cell(written_error(value, digits), _within(value, digits))
+
+
+def _within(value: Fit | None, digits: int) -> str:
+    if not value or "contraction" not in value or value.get("q2_5") is None:
+        return ""
+    low, high = (f"{value[end]:.{digits}f}".replace("-", "\N{MINUS SIGN}") for end in ("q2_5", "q97_5"))
+    return f"{low} to {high}"
+
+
+def _segment(segment: Fit) -> str:
+    speed = segment["v_sw_km_s"]
+    if speed["mean"] is None or speed["mean"] < 0:
+        return "no spiral"
+    return written_error(speed, 0)
+
+
+def _residual(fit: Fit) -> str:
+    if fit.get("rms_s") is not None:
+        return f"{fit['rms_s']:.0f} s"
+    return f"{fit['rms_deg']:.1f}°" if fit.get("rms_deg") is not None else DASH
+
+
+def _period(fit: Fit) -> str:
+    period = fit.get("rotation_period_d")
+    return f"{period:.2f}" if period else DASH

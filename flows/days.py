@@ -1,0 +1,284 @@
+"""From the files of a day to its bursts: which files, what was heard, and the bursts that can be placed."""
+
+import hashlib
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
+from datetime import UTC, date, datetime, timedelta
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import structlog
+import xarray as xr
+
+import bella
+from bella.bursts.association import LOCALISABLE, AssociatedBurst, Member, associate, association_table
+from bella.bursts.detection import CATALOGUED, search
+from bella.bursts.timing import (
+    TimedBurst,
+    arrival_table,
+    burst_edges,
+    shared_frequencies_mhz,
+    timed_burst,
+    why_not_timed,
+)
+from bella.catalogue import Burst, BurstQuery, Catalogue, Detection, SearchedDay, SourceFile
+from bella.exceptions import BellaError, NoDataError
+from bella.spectra import by_observatory, cut, open_spectra, over_background
+from bella.spectra.archive import DayInMirror
+from flows.inputs import BurstInput, aware
+
+log = structlog.get_logger(__name__)
+
+DAY = timedelta(days=1)
+BEFORE, AFTER = np.timedelta64(30, "m"), np.timedelta64(3, "h")
+"""How much of the days around it belongs to a day: bursts are alone or not, and go on past midnight."""
+
+SAME_BURST = timedelta(minutes=10)
+"""A burst that begins this near to one of the catalogue is that one, whatever later data say of its onset."""
+
+SHOWN_BEFORE, SHOWN_AFTER = np.timedelta64(20, "m"), np.timedelta64(40, "m")
+METHODS = {"half_rise": "flank", "half_maximum": "half_maximum"}
+"""Definitions of the edge with which a burst is timed, and how."""
+
+
+@dataclass(frozen=True)
+class DayFiles:
+    """Files that hold a day and what of its neighbours belongs to it.
+
+    Attributes
+    ----------
+    day : datetime.date
+    paths : tuple of Path
+    sources : tuple of SourceFile
+    inputs_hash : str
+        Of the contents of the files.
+    """
+
+    day: date
+    paths: tuple[Path, ...]
+    sources: tuple[SourceFile, ...]
+    inputs_hash: str
+
+
+@dataclass(frozen=True)
+class HeardDay:
+    """A day after the search.
+
+    Attributes
+    ----------
+    files : DayFiles
+    spectra : dict of str to xarray.Dataset
+        By observatory.
+    bursts : tuple of AssociatedBurst
+        That begin on the day.
+    table : DataFrame
+        Detection table of the day.
+    """
+
+    files: DayFiles
+    spectra: dict[str, xr.Dataset]
+    bursts: tuple[AssociatedBurst, ...]
+    table: pd.DataFrame
+
+
+def day_files(day: date, mirrored: Iterable[DayInMirror]) -> DayFiles:
+    """Which files of a mirror a day is read from.
+
+    Parameters
+    ----------
+    day : datetime.date
+    mirrored : iterable of DayInMirror
+        Of this day and those next to it.
+
+    Returns
+    -------
+    DayFiles
+        Without a path where the archive has nothing of the day itself.
+    """
+    found = {}
+    is_there = False
+    for outcome in mirrored:
+        if abs(outcome.day - day) > DAY:
+            continue
+        is_there |= outcome.day == day and bool(outcome.files)
+        for file in outcome.files:
+            found[file.path] = SourceFile(
+                outcome.dataset.key, outcome.day, _version(outcome, file.path), file.sha256, "done", file.path.name
+            )
+    paths = tuple(sorted(found)) if is_there else ()
+    sources = tuple(found[path] for path in paths)
+    text = "\n".join(sorted(source.sha256 for source in sources))
+    return DayFiles(day, paths, sources, hashlib.sha256(text.encode()).hexdigest())
+
+
+def _version(outcome: DayInMirror, path: Path) -> str:
+    days = (outcome.day, outcome.day - DAY, outcome.day + DAY)
+    known = next(filter(None, (outcome.dataset.version(path.name, day) for day in days)), (1,))
+    return ".".join(map(str, known))
+
+
+def hear(files: DayFiles) -> HeardDay:
+    """Read the spectra of a day, search them, and tell which spacecraft heard the same.
+
+    Parameters
+    ----------
+    files : DayFiles
+
+    Returns
+    -------
+    HeardDay
+
+    Raises
+    ------
+    NoDataError
+        If no file could be read, or none has a record of the day.
+    """
+    spectra = _spectra(files)
+    searched = [search(spectrum) for spectrum in spectra.values()]
+    midnight = pd.Timestamp(files.day)
+    bursts = [one for one in associate(searched) if midnight <= one.start_utc < midnight + DAY]
+    table = association_table(bursts, searched)
+    inside = (table["start_utc"] >= midnight) & (table["start_utc"] < midnight + DAY)
+    return HeardDay(files, spectra, tuple(bursts), table[inside | (table["burst_id"] != "")].reset_index(drop=True))
+
+
+def _spectra(files: DayFiles) -> dict[str, xr.Dataset]:
+    found: list[xr.Dataset] = []
+    for path in files.paths:
+        try:
+            found += open_spectra(path)
+        except BellaError as error:  # one damaged file does not cost the day the others
+            log.warning("file left out", file=path.name, reason=str(error))
+    if not found:
+        raise NoDataError(f"no file of {files.day} can be read: see the log, and fetch them again")
+    midnight = np.datetime64(files.day, "ns")
+    start, stop = midnight - BEFORE, midnight + np.timedelta64(1, "D") + AFTER
+    parts = [part for one in found if (part := cut(one, start, stop)).sizes["time"] > 1]
+    whole = by_observatory(parts) if parts else {}
+    heard = {name: one for name, one in whole.items() if _reaches(one, midnight)}
+    if not heard:
+        raise NoDataError(f"no file has a record of {files.day}: fetch the day again")
+    return heard
+
+
+def _reaches(spectrum: xr.Dataset, midnight: np.datetime64) -> bool:
+    return bool(cut(spectrum, midnight, midnight + np.timedelta64(1, "D")).sizes["time"])
+
+
+def place_burst(day: HeardDay, burst: AssociatedBurst, burst_id: str) -> BurstInput | str:
+    """Time a burst that can be placed by what was heard of it.
+
+    Parameters
+    ----------
+    day : HeardDay
+    burst : AssociatedBurst
+        Of tier "localisable".
+    burst_id : str
+        Name under which it goes into the catalogue.
+
+    Returns
+    -------
+    BurstInput or str
+        What localising starts from; or the reason why its edges do not place it.
+    """
+    members = [member for member in burst.members if member.fits]
+    names = [member.searched.observatory for member in members]
+    timed = {edge: _timed(day, members, method) for edge, method in METHODS.items()}
+    reason = why_not_timed(timed["half_rise"], names)
+    if reason:
+        return reason
+    arrivals, edges = {}, {}
+    for edge, one in timed.items():
+        if not why_not_timed(one, names):
+            arrivals[edge] = arrival_table(one, shared_frequencies_mhz(one), METHODS[edge])
+            edges[edge] = one.edges
+    known = arrivals["half_rise"]
+    record = Burst(
+        burst_id,
+        aware(burst.start_utc.to_datetime64()),
+        aware(known["arrival_utc"].max().to_datetime64()),
+        float(known["frequency_mhz"].min()),
+        float(known["frequency_mhz"].max()),
+        tuple(dict.fromkeys(known["observatory"])),
+    )
+    return BurstInput(record, arrivals, edges, _shown(day, names, burst), day.files.sources)
+
+
+def _timed(day: HeardDay, members: Sequence[Member], method: str) -> TimedBurst:
+    parts = [burst_edges(day.spectra[one.searched.observatory], one.searched, one.candidate, method) for one in members]
+    return timed_burst(pd.concat(parts, ignore_index=True), day.spectra)
+
+
+def _shown(day: HeardDay, names: Sequence[str], burst: AssociatedBurst) -> xr.DataTree:
+    """Spectra of a burst, for its page."""
+    start = burst.start_utc.to_datetime64()
+    parts = {}
+    for name in names:
+        over = over_background(day.spectra[name]).drop_vars("noise_db")
+        part = cut(over, start - SHOWN_BEFORE, start + SHOWN_AFTER)
+        parts[name] = part.assign_attrs(source_files=", ".join(np.atleast_1d(part.attrs["source_files"])))
+    return xr.DataTree.from_dict(parts)
+
+
+def known_burst_id(catalogue: Catalogue, burst: AssociatedBurst) -> str:
+    """Name of a burst: that of the one in the catalogue which it is, or a new one.
+
+    Parameters
+    ----------
+    catalogue : Catalogue
+    burst : AssociatedBurst
+
+    Returns
+    -------
+    str
+    """
+    start = aware(burst.start_utc.to_datetime64())
+    page = catalogue.bursts(BurstQuery(start=start - SAME_BURST, stop=start + SAME_BURST))
+    near = sorted(page.bursts, key=lambda one: abs(one.burst.start_utc - start))
+    return near[0].burst.burst_id if near else burst.burst_id
+
+
+def searched_record(files: DayFiles, spectra: Iterable[str]) -> SearchedDay:
+    """What the catalogue keeps of a day that was searched.
+
+    Parameters
+    ----------
+    files : DayFiles
+    spectra : iterable of str
+        Spacecraft that had data.
+
+    Returns
+    -------
+    SearchedDay
+    """
+    return SearchedDay(files.day, files.inputs_hash, bella.__version__, tuple(spectra))
+
+
+def detection_records(table: pd.DataFrame, verdicts: dict[str, tuple[str, str]]) -> list[Detection]:
+    """Records of a detection table.
+
+    Parameters
+    ----------
+    table : pandas.DataFrame
+    verdicts : dict of str to (str, str)
+        By the id in the table: the id in the catalogue, and why the burst was not placed, empty if it was.
+
+    Returns
+    -------
+    list of Detection
+    """
+    records = []
+    for row in table.to_dict("records"):
+        times = {name: _utc(row[name]) for name in ("start_utc", "peak_utc", "end_utc")}
+        one = Detection(**{str(name): value for name, value in row.items()} | times)
+        if one.burst_id in verdicts:
+            known, reason = verdicts[one.burst_id]
+            one = replace(one, burst_id=known, reason=reason, tier=CATALOGUED if reason else LOCALISABLE)
+        records.append(one)
+    return records
+
+
+def _utc(time: pd.Timestamp) -> datetime:
+    stamp: datetime = time.to_pydatetime()
+    return stamp.replace(tzinfo=UTC)

@@ -1,0 +1,84 @@
+"""``bella arrivals``: from files to a table that ``bella localise`` reads."""
+
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+import xarray as xr
+from typer.testing import CliRunner, Result
+
+from bella.arrivals import read_arrivals
+from bella.cli import app
+from bella.spectra import event_spectra
+
+AROUND = "2012-06-07T19:30"
+
+
+@pytest.fixture(scope="module")
+def files(tmp_path_factory: pytest.TempPathFactory) -> list[str]:
+    """The spectra of the built-in event as netCDF, as of any other instrument."""
+    folder = tmp_path_factory.mktemp("event")
+    for name, node in event_spectra().items():
+        node.to_dataset().to_netcdf(folder / f"{name}.nc", engine="h5netcdf")
+    return [str(path) for path in sorted(folder.glob("*.nc"))]
+
+
+def run(*arguments: str) -> Result:
+    return CliRunner().invoke(app, ["arrivals", *arguments], env={"COLUMNS": "100"})
+
+
+def test_the_table_is_read_by_localise_and_gives_the_track(files: list[str], tmp_path: Path) -> None:
+    table, places = tmp_path / "arrivals.csv", tmp_path / "places.csv"
+    result = run(*files, "--around", AROUND, "--edge", "half_maximum", "--output", str(table))
+
+    assert result.exit_code == 0, result.output
+    done = CliRunner().invoke(app, ["localise", str(table), "--output", str(places)])
+    assert done.exit_code == 0, done.output
+    found = pd.read_csv(places, comment="#").set_index("frequency_mhz")
+    distance = pd.Series(np.hypot(found["x_rsun"], found["y_rsun"]), index=found.index)
+    for frequency_mhz, expected in ((1.0, 25.3), (0.6, 40.0), (0.4, 55.6)):
+        nearest = float(np.interp(frequency_mhz, distance.index, distance))
+        assert nearest == pytest.approx(expected, rel=0.1), "half-maximum edges of the built-in event, resolved apart"
+
+
+def test_channels_come_with_their_flags_and_curves_with_their_covariance(files: list[str], tmp_path: Path) -> None:
+    channels, curve, matrix = tmp_path / "channels.csv", tmp_path / "curve.csv", tmp_path / "covariance.nc"
+    assert run(*files, "--around", AROUND, "--per-channel", "--output", str(channels)).exit_code == 0
+    result = run(*files, "--around", AROUND, "--frequencies", "7", "--output", str(curve), "--covariance", str(matrix))
+
+    assert result.exit_code == 0, result.output
+    assert "STEREO-B" in result.output
+    rows = pd.read_csv(channels, keep_default_na=False)
+    assert {"", "fit_failed"} <= set(rows["flag"])
+    assert set(read_arrivals(curve)["edge"]) == {"half_rise"}
+    with xr.open_dataset(matrix) as stored:
+        assert stored["covariance_s2"].shape == (3, 7, 7)
+
+
+def test_figures_are_drawn(files: list[str], tmp_path: Path) -> None:
+    result = run(
+        *files, "--around", AROUND, "--output", str(tmp_path / "a.csv"), "--figures", str(tmp_path / "figures")
+    )
+
+    assert result.exit_code == 0, result.output
+    assert {path.name for path in (tmp_path / "figures").iterdir()} == {"aligned.png", "light_curves.png"}
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["--around", "noon"], "noon"),
+        (["--around", AROUND, "--edge", "first_photon"], "--edge first_photon: choose one of half_rise"),
+        (["--around", AROUND, "--frequencies", "0"], "--frequencies 0 is not between 1 and 1000"),
+        (["--around", "2012-06-09T00:00"], "no spacecraft shows a burst around"),
+        (["--around", AROUND, "--covariance", "/nowhere/c.nc"], "folder /nowhere does not exist"),
+    ],
+)
+def test_bad_options_end_in_one_line(files: list[str], tmp_path: Path, arguments: list[str], message: str) -> None:
+    table = tmp_path / "arrivals.csv"
+    result = run(*files, *arguments, "--output", str(table))
+
+    assert result.exception is not None
+    assert message in str(result.exception)
+    assert not table.exists()
