@@ -158,7 +158,7 @@ def test_every_quantity_gives_the_same_decibels(quantity: str, attributes: dict,
 
 
 def test_what_has_no_logarithm_is_no_data() -> None:
-    level = decibels(spectrum(np.array([[0.0, -1e-20, np.nan], [1.0, 10.0, np.inf]]), "flux_w_m2_hz"))
+    level = decibels(spectrum(np.array([[0.0, -1e-20, np.nan], [1.0, 10.0, np.inf]]), "psd_v2_hz"))
 
     np.testing.assert_array_equal(np.isnan(level), [[True, True, True], [False, False, True]])
     assert level[1, :2] == pytest.approx([0.0, 10.0])
