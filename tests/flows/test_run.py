@@ -139,7 +139,7 @@ def test_second_run_changes_nothing(first_run: FirstRun) -> None:
     sandbox, _ = first_run
     before, groups = rows_of(sandbox), groups_of(sandbox)
     done = sandbox.bella("run", "--json")
-    assert [row["new"] for row in json.loads(done.stdout)] == [False, False]
+    assert [row["new"] for row in json.loads(done.stdout)] == [False, False, False]
     assert rows_of(sandbox) == before
     assert groups_of(sandbox) == groups
 
@@ -164,7 +164,7 @@ def test_other_preset_is_another_series(first_run: FirstRun) -> None:
     done = sandbox.bella("run", "--preset", "default", "--json")
     assert (figures / "constellation-posterior-default.png").read_bytes() != kept
     assert (figures / "constellation-posterior-bella-2024.png").read_bytes() == kept
-    assert [row["new"] for row in json.loads(done.stdout)] == [True, True]
+    assert [row["new"] for row in json.loads(done.stdout)] == [True, True, True]
     after = rows_of(sandbox)
     assert set(before["solution"]) < set(after["solution"])
     with closing(catalogue_of(sandbox)) as catalogue:
@@ -209,7 +209,7 @@ def test_two_runs_at_once_end_with_one_result(sandbox: Sandbox) -> None:
         assert code == 0 or (code == 1 and "is being done by" in stderr), stderr
         assert "Traceback" not in stderr
     with closing(catalogue_of(sandbox)) as catalogue:
-        assert [one.version for one in catalogue.versions(BURST)] == [1, 1]
+        assert [one.version for one in catalogue.versions(BURST)] == [1, 1, 1]
 
 
 def test_catalogue_and_status_tell_of_the_run(first_run: FirstRun) -> None:
