@@ -30,6 +30,7 @@ from bella.cli_fetch import EPILOG as FETCH_EPILOG
 from bella.cli_fetch import day_range, fetch
 from bella.cli_fit_track import EPILOG as FIT_TRACK_EPILOG
 from bella.cli_fit_track import fit_track
+from bella.cli_output import write_whole
 from bella.cli_simulate import EPILOG as SIMULATE_EPILOG
 from bella.cli_simulate import simulate
 from bella.cli_spectra import EPILOG as FORMATS_EPILOG
@@ -194,7 +195,7 @@ def localise(  # noqa: PLR0913, PLR0917 - one argument per option
         "seed",
     )
     comments = {name: posterior.attrs[name] for name in kept}
-    _write_whole(output, localisation_csv(localisation_records(posterior), comments))
+    write_whole(output, localisation_csv(localisation_records(posterior), comments))
     out.print(f"{posterior.sizes['frequency']} frequencies in {output}")
 
 
@@ -310,13 +311,6 @@ def _write_draws(posterior: Any, path: Path) -> None:
     verify_group(staged, posterior)
     place_group(staged, path.parent, path.name)
     staged.parent.rmdir()
-
-
-def _write_whole(path: Path, text: str) -> None:
-    """Write beside the target, then rename: the file is there whole or not at all."""
-    partial = path.with_name(f".{path.name}.{os.getpid()}")
-    partial.write_text(text, encoding="utf-8")
-    partial.replace(path)
 
 
 def _table(title: str, *columns: str) -> Table:

@@ -11,6 +11,7 @@ from rich.table import Table
 from bella.cli_coverage import write_netcdf
 from bella.cli_detect import read_fleet, write_table
 from bella.cli_ephemeris import instant, know_updates
+from bella.cli_output import write_whole
 from bella.exceptions import InputError, NoDataError
 
 if TYPE_CHECKING:
@@ -62,7 +63,7 @@ def arrivals(  # noqa: PLR0913, PLR0917 - one argument per option
     else:
         from bella.arrivals import arrivals_csv
 
-        _write_text(arrivals_csv(written), output)
+        write_whole(output, arrivals_csv(written))
     if covariance is not None:
         from bella.bursts.timing import arrival_covariance, shared_frequencies_mhz
 
@@ -99,17 +100,6 @@ def _written(timed: "TimedBurst", method: str, number: int, *, per_channel: bool
     if per_channel:
         return timed.edges
     return arrival_table(timed, shared_frequencies_mhz(timed, number), method)
-
-
-def _write_text(text: str, path: Path) -> None:
-    partial = path.with_name(f".{path.name}.part")
-    try:
-        partial.write_text(text, encoding="utf-8")
-        partial.replace(path)
-    except OSError as error:
-        raise InputError(f"{path} cannot be written ({error.strerror or error}); name another file") from error
-    finally:
-        partial.unlink(missing_ok=True)
 
 
 def _draw(folder: Path, spectra: "dict[str, xr.Dataset]", timed: "TimedBurst", table: "pd.DataFrame") -> None:

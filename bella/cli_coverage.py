@@ -1,16 +1,16 @@
 """The command ``bella coverage``: an uncertainty map as netCDF, and its figure."""
 
 import os
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 from rich.console import Console
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
 
 from bella.cli_ephemeris import instant, know_updates
+from bella.cli_output import steps
 from bella.exceptions import InputError
 
 if TYPE_CHECKING:
@@ -57,7 +57,7 @@ def coverage(  # noqa: PLR0913, PLR0917 - one argument per option
         raise InputError(f"a map knows Gaussian errors only, not preset {preset!r}; use default or free-speed")
     receivers = _chosen(_receivers(at, positions), fleet, expected=OBSERVATORIES if positions is None else ())
     given = timing_option(sigma)
-    with _progress(exact_nodes(size, exact=exact)) as advance:
+    with steps("exact posteriors", exact_nodes(size, exact=exact)) as advance:
         uncertainty = uncertainty_map(
             dict(zip(receivers["observatory"], receivers[["x_rsun", "y_rsun", "z_rsun"]].to_numpy(), strict=True)),
             _sigma(receivers, chosen, given),
@@ -192,24 +192,6 @@ def _seconds(value: str, option: str) -> float:
     if not seconds > 0:
         raise InputError(f"--sigma {option}: {value} s is not above 0; give seconds")
     return seconds
-
-
-@contextmanager
-def _progress(total: int) -> Iterator[Callable[[int], None]]:
-    columns = (TextColumn("{task.description:<28}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn())
-    bar = Progress(*columns, console=err)
-    task = bar.add_task("exact posteriors", total=total)
-
-    def _advance(nodes: int) -> None:
-        bar.start()
-        bar.advance(task, nodes)
-
-    try:
-        yield _advance
-    finally:
-        # nothing is drawn before the first step, so that bad input is answered by one line alone
-        if bar.live.is_started:
-            bar.stop()
 
 
 @contextmanager

@@ -12,6 +12,7 @@ from rich.progress import Progress
 from rich.table import Table
 
 from bella.cli_ephemeris import know_updates
+from bella.cli_output import write_whole
 from bella.exceptions import InputError
 
 if TYPE_CHECKING:
@@ -108,17 +109,10 @@ def write_table(table: "pd.DataFrame", path: Path) -> None:
     InputError
         If it cannot be written.
     """
-    partial = path.with_name(f".{path.name}.part")
     stamped = table.copy()
     for column in stamped.select_dtypes("datetime64[ns]"):
         stamped[column] = stamped[column].dt.strftime("%Y-%m-%dT%H:%M:%S.%fZ")
-    try:
-        stamped.to_csv(partial, index=False)
-        partial.replace(path)
-    except OSError as error:
-        raise InputError(f"{path} cannot be written ({error.strerror or error}); name another file") from error
-    finally:
-        partial.unlink(missing_ok=True)
+    write_whole(path, stamped.to_csv(index=False))
 
 
 def _shown(table: "pd.DataFrame") -> Table:

@@ -2,19 +2,16 @@
 
 import json
 import math
-import os
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 from rich.box import SIMPLE_HEAD
 from rich.console import Console
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
 from rich.table import Table
 
 from bella.cli_ephemeris import know_updates
+from bella.cli_output import steps, write_whole
 from bella.exceptions import InputError
 
 if TYPE_CHECKING:
@@ -68,10 +65,10 @@ def fit_track(  # noqa: PLR0913, PLR0917 - one argument per option
     know_updates()
     table = read_arrivals(arrivals)
     recipe = TrackRecipe(model, preset, common_sigma, _variants(model) if compare else ())
-    with _progress(table["frequency_mhz"].nunique()) as advance:
+    with steps("positions", table["frequency_mhz"].nunique()) as advance:
         track = fit(table, recipe, advance)
     text = json.dumps(track, indent=2, allow_nan=False) + "\n"
-    _write_whole(output, text)
+    write_whole(output, text)
     if as_json:
         out.print_json(text)
         return
@@ -147,33 +144,3 @@ def _release_cells(release: dict[str, Any]) -> tuple[str, str, str]:
         return "-", "-", "-"
     clock = {name: release[name][11:19] for name in ("mean", "q2_5", "q97_5")}
     return f"{clock['mean']} ± {release['sd']:.0f} s", f"{clock['q2_5']} to {clock['q97_5']}", ""
-
-
-def _write_whole(path: Path, text: str) -> None:
-    """Write beside the target, then rename: the file is there whole or not at all."""
-    partial = path.with_name(f".{path.name}.{os.getpid()}")
-    try:
-        partial.write_text(text, encoding="utf-8")
-        partial.replace(path)
-    except OSError as error:
-        raise InputError(f"{path} cannot be written ({error.strerror or error}); name another file") from error
-    finally:
-        partial.unlink(missing_ok=True)
-
-
-@contextmanager
-def _progress(total: int) -> Iterator[Callable[[int], None]]:
-    columns = (TextColumn("{task.description:<28}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn())
-    bar = Progress(*columns, console=err)
-    task = bar.add_task("positions", total=total)
-
-    def _advance(frequencies: int) -> None:
-        bar.start()
-        bar.advance(task, frequencies)
-
-    try:
-        yield _advance
-    finally:
-        # nothing is drawn before the first step, so that bad input is answered by one line alone
-        if bar.live.is_started:
-            bar.stop()

@@ -7,13 +7,13 @@ from typing import Annotated
 
 import typer
 from rich.console import Console
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
 
 from bella.cli_ephemeris import know_updates
 from bella.cli_fetch import day_option
+from bella.cli_output import steps, write_whole
 from bella.exceptions import InputError
 
-out, err = Console(), Console(stderr=True)
+out = Console()
 
 EPILOG = "Example: bella simulate archive --days 2 --seed 7 --from 2021-11-20"
 MOST_DAYS = 366
@@ -43,16 +43,11 @@ def simulate(  # noqa: PLR0913, PLR0917 - one argument per option
     know_updates()
     from bella.simulation.archive_days import simulate_days
 
-    with Progress(
-        TextColumn("{task.description:<28}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn(), console=err
-    ) as bar:
-        task = bar.add_task("days", total=days)
-        wanted = [start + timedelta(days=number) for number in range(days)]
-        simulated = simulate_days(folder, wanted, seed, dataset or (), lambda: bar.advance(task))
+    wanted = [start + timedelta(days=number) for number in range(days)]
+    with steps("days", days) as advance:
+        simulated = simulate_days(folder, wanted, seed, dataset or (), advance)
     written = folder / "truth.json" if truth is None else truth
-    partial = written.with_name(f".{written.name}.part")
-    partial.write_text(json.dumps(simulated, indent=1), encoding="utf-8")
-    partial.replace(written)
+    write_whole(written, json.dumps(simulated, indent=1))
     bursts = sum(len(day["bursts"]) for day in simulated["days"])
     files = sum(len(day["files"]) for day in simulated["days"])
     for line in (f"Archive {folder}, {files} files", f"Truth   {written}, {bursts} bursts"):

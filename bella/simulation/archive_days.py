@@ -26,7 +26,7 @@ def simulate_days(
     days: Sequence[date],
     seed: int,
     datasets: Sequence[str] = (),
-    advance: Callable[[], None] = lambda: None,
+    advance: Callable[[int], None] = lambda _: None,
 ) -> dict[str, Any]:
     """Write days of simulated files under the names and in the folders of the archive.
 
@@ -42,7 +42,7 @@ def simulate_days(
     datasets : sequence of str
         Keys of `WRITABLE`; none for all that exist on a day.
     advance : callable
-        Called after each day.
+        Told 1 after each day.
 
     Returns
     -------
@@ -59,7 +59,7 @@ def simulate_days(
     truth = []
     for day in days:
         truth.append(_simulate(root, day, seed, wanted))
-        advance()
+        advance(1)
     return {"seed": seed, "days": truth}
 
 
