@@ -1,6 +1,6 @@
 """What may stand in the query of an address. An unknown parameter is refused: a misspelt filter must not be ignored."""
 
-from datetime import UTC, datetime
+from datetime import UTC, date, datetime
 from typing import Literal
 
 from pydantic import BaseModel, ConfigDict, Field, field_validator
@@ -106,6 +106,28 @@ class FrequencyChoice(SeriesChoice):
     """Which channel of each track."""
 
     frequency_mhz: float = Field(gt=0, le=1000, allow_inf_nan=False, description="The nearest channel is taken.")
+
+
+def parse_day(text: str) -> date:
+    """A day as an address gives it.
+
+    Parameters
+    ----------
+    text : str
+
+    Returns
+    -------
+    datetime.date
+
+    Raises
+    ------
+    InputError
+        If it is none.
+    """
+    try:
+        return date.fromisoformat(text)
+    except ValueError as error:
+        raise InputError(f"{text!r} is not a day; write it as 2020-07-21") from error
 
 
 def parse_utc(text: str | None, name: str) -> datetime | None:

@@ -8,8 +8,7 @@ from urllib.parse import urlencode
 from pydantic import BaseModel, ConfigDict, Field
 
 from api.wording import APPARENT_SOURCE
-from bella.catalogue import Burst, BurstSummary, Catalogue, Detection, Solution, Submission
-from bella.exceptions import InputError
+from bella.catalogue import Burst, BurstSummary, Detection, SearchedDay, Solution, Submission
 
 API = "/api/v1"
 
@@ -61,16 +60,11 @@ class DayReply(Reply):
     code_version: str | None
 
     @classmethod
-    def of(cls, day: str, catalogue: Catalogue) -> "DayReply":
-        """Reply for a day; InputError where it is none."""
-        try:
-            wanted = date.fromisoformat(day)
-        except ValueError as error:
-            raise InputError(f"{day!r} is not a day; write it as 2020-07-21") from error
-        known = catalogue.searched_day(wanted)
+    def of(cls, day: date, known: SearchedDay | None) -> "DayReply":
+        """Reply for a day, with what the catalogue has of it."""
         if known is None:
-            return cls(day=wanted, searched=False, observatories=[], code_version=None)
-        return cls(day=wanted, searched=True, observatories=list(known.observatories), code_version=known.code_version)
+            return cls(day=day, searched=False, observatories=[], code_version=None)
+        return cls(day=day, searched=True, observatories=list(known.observatories), code_version=known.code_version)
 
 
 class SolutionReply(Reply):

@@ -4,7 +4,7 @@ from typing import Annotated
 
 from fastapi import APIRouter, Query
 
-from api.queries import DetectionFilter
+from api.queries import DetectionFilter, parse_day
 from api.schemas import DayReply, DetectionReply, DetectionsReply
 from api.service import CatalogueHere
 
@@ -27,4 +27,5 @@ def detections(catalogue: CatalogueHere, wanted: Annotated[DetectionFilter, Quer
 @router.get("/days/{day}")
 def day(day: str, catalogue: CatalogueHere) -> DayReply:
     """Whether a day was searched, and which spacecraft had data: no data, no burst and not placed are told apart."""
-    return DayReply.of(day, catalogue)
+    wanted = parse_day(day)
+    return DayReply.of(wanted, catalogue.searched_day(wanted))
