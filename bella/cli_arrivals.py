@@ -24,7 +24,6 @@ if TYPE_CHECKING:
 out, err = Console(), Console(stderr=True)
 
 EPILOG = "Example: bella arrivals sta.cdf wind.cdf psp.nc --around 2020-07-21T02:53 --output arrivals.csv"
-METHODS = {"half_rise": "flank", "half_maximum": "half_maximum", "gauss_hermite": "gauss_hermite"}
 MOST_FREQUENCIES = 1000
 
 
@@ -46,8 +45,10 @@ def arrivals(  # noqa: PLR0913, PLR0917 - one argument per option
     ] = None,
 ) -> None:
     """Time a burst in spectra: edges with their errors, and t(f) at frequencies that all spacecraft share."""
-    if edge not in METHODS:
-        raise InputError(f"--edge {edge}: choose one of {', '.join(METHODS)}")
+    from bella.bursts.edges import METHOD_OF_EDGE
+
+    if edge not in METHOD_OF_EDGE:
+        raise InputError(f"--edge {edge}: choose one of {', '.join(METHOD_OF_EDGE)}")
     if not 0 < frequencies <= MOST_FREQUENCIES:
         raise InputError(f"--frequencies {frequencies} is not between 1 and {MOST_FREQUENCIES}")
     for path in filter(None, (output, covariance)):
@@ -56,8 +57,8 @@ def arrivals(  # noqa: PLR0913, PLR0917 - one argument per option
     moment = instant(around)
     know_updates()
     spectra = read_fleet(spectrum)
-    timed = _timed(spectra, moment, METHODS[edge])
-    written = _written(timed, METHODS[edge], frequencies, per_channel=per_channel)
+    timed = _timed(spectra, moment, METHOD_OF_EDGE[edge])
+    written = _written(timed, METHOD_OF_EDGE[edge], frequencies, per_channel=per_channel)
     if per_channel:
         write_table(written, output)
     else:
@@ -83,7 +84,7 @@ def _timed(spectra: "dict[str, xr.Dataset]", moment: "np.datetime64", method: st
     for name, one in spectra.items():
         searched = search(one)
         try:
-            edges.append(burst_edges(one, searched, candidate_near(searched, moment), method))
+            edges.append(burst_edges(searched, candidate_near(searched, moment), method))
         except NoDataError as error:
             err.print(f"Left out: {error}", soft_wrap=True, highlight=False)
             continue

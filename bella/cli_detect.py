@@ -87,12 +87,11 @@ def _detections(spectra: "dict[str, xr.Dataset]") -> "pd.DataFrame":
     from bella.bursts.detection import search
 
     searched = [search(one) for one in spectra.values()]
-    known = [one for one in searched if has_position(one)]
     unknown = [one.observatory for one in searched if not has_position(one)]
     if unknown:
         message = f"Not compared, not in the ephemeris at this time: {', '.join(unknown)}"
         err.print(message, soft_wrap=True, highlight=False)
-    return association_table(associate(known), searched)
+    return association_table(associate(searched), searched)
 
 
 def write_table(table: "pd.DataFrame", path: Path) -> None:

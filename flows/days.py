@@ -14,6 +14,7 @@ import xarray as xr
 import bella
 from bella.bursts.association import LOCALISABLE, AssociatedBurst, Member, associate, association_table
 from bella.bursts.detection import CATALOGUED, search
+from bella.bursts.edges import METHOD_OF_EDGE
 from bella.bursts.timing import (
     TimedBurst,
     arrival_table,
@@ -24,7 +25,7 @@ from bella.bursts.timing import (
 )
 from bella.catalogue import Burst, BurstQuery, Catalogue, Detection, SearchedDay, SourceFile
 from bella.exceptions import BellaError, NoDataError
-from bella.spectra import by_observatory, cut, open_spectra, over_background
+from bella.spectra import by_observatory, open_spectra
 from bella.spectra.archive import DayInMirror
 from flows.inputs import BurstInput, aware
 
@@ -38,8 +39,8 @@ SAME_BURST = timedelta(minutes=10)
 """A burst that begins this near to one of the catalogue is that one, whatever later data say of its onset."""
 
 SHOWN_BEFORE, SHOWN_AFTER = np.timedelta64(20, "m"), np.timedelta64(40, "m")
-METHODS = {"half_rise": "flank", "half_maximum": "half_maximum"}
-"""Definitions of the edge with which a burst is timed, and how."""
+EDGES = ("half_rise", "half_maximum")
+"""Definitions of the edge with which a burst is timed."""
 
 
 @dataclass(frozen=True)
@@ -68,8 +69,8 @@ class HeardDay:
     Attributes
     ----------
     files : DayFiles
-    spectra : dict of str to xarray.Dataset
-        By observatory.
+    observatories : tuple of str
+        That had data.
     bursts : tuple of AssociatedBurst
         That begin on the day.
     table : DataFrame
@@ -77,7 +78,7 @@ class HeardDay:
     """
 
     files: DayFiles
-    spectra: dict[str, xr.Dataset]
+    observatories: tuple[str, ...]
     bursts: tuple[AssociatedBurst, ...]
     table: pd.DataFrame
 
@@ -140,7 +141,9 @@ def hear(files: DayFiles) -> HeardDay:
     bursts = [one for one in associate(searched) if midnight <= one.start_utc < midnight + DAY]
     table = association_table(bursts, searched)
     inside = (table["start_utc"] >= midnight) & (table["start_utc"] < midnight + DAY)
-    return HeardDay(files, spectra, tuple(bursts), table[inside | (table["burst_id"] != "")].reset_index(drop=True))
+    return HeardDay(
+        files, tuple(spectra), tuple(bursts), table[inside | (table["burst_id"] != "")].reset_index(drop=True)
+    )
 
 
 def _spectra(files: DayFiles) -> dict[str, xr.Dataset]:
@@ -154,7 +157,7 @@ def _spectra(files: DayFiles) -> dict[str, xr.Dataset]:
         raise NoDataError(f"no file of {files.day} can be read: see the log, and fetch them again")
     midnight = np.datetime64(files.day, "ns")
     start, stop = midnight - BEFORE, midnight + np.timedelta64(1, "D") + AFTER
-    parts = [part for one in found if (part := cut(one, start, stop)).sizes["time"] > 1]
+    parts = [part for one in found if (part := one.sel(time=slice(start, stop))).sizes["time"] > 1]
     whole = by_observatory(parts) if parts else {}
     heard = {name: one for name, one in whole.items() if _reaches(one, midnight)}
     if not heard:
@@ -163,7 +166,7 @@ def _spectra(files: DayFiles) -> dict[str, xr.Dataset]:
 
 
 def _reaches(spectrum: xr.Dataset, midnight: np.datetime64) -> bool:
-    return bool(cut(spectrum, midnight, midnight + np.timedelta64(1, "D")).sizes["time"])
+    return bool(spectrum.sel(time=slice(midnight, midnight + np.timedelta64(1, "D"))).sizes["time"])
 
 
 def place_burst(day: HeardDay, burst: AssociatedBurst, burst_id: str) -> BurstInput | str:
@@ -184,14 +187,14 @@ def place_burst(day: HeardDay, burst: AssociatedBurst, burst_id: str) -> BurstIn
     """
     members = [member for member in burst.members if member.fits]
     names = [member.searched.observatory for member in members]
-    timed = {edge: _timed(day, members, method) for edge, method in METHODS.items()}
+    timed = {edge: _timed(members, METHOD_OF_EDGE[edge]) for edge in EDGES}
     reason = why_not_timed(timed["half_rise"], names)
     if reason:
         return reason
     arrivals, edges = {}, {}
     for edge, one in timed.items():
         if not why_not_timed(one, names):
-            arrivals[edge] = arrival_table(one, shared_frequencies_mhz(one), METHODS[edge])
+            arrivals[edge] = arrival_table(one, shared_frequencies_mhz(one), METHOD_OF_EDGE[edge])
             edges[edge] = one.edges
     known = arrivals["half_rise"]
     record = Burst(
@@ -202,22 +205,24 @@ def place_burst(day: HeardDay, burst: AssociatedBurst, burst_id: str) -> BurstIn
         float(known["frequency_mhz"].max()),
         tuple(dict.fromkeys(known["observatory"])),
     )
-    return BurstInput(record, arrivals, edges, _shown(day, names, burst), day.files.sources)
+    return BurstInput(record, arrivals, edges, _shown(members, burst), day.files.sources)
 
 
-def _timed(day: HeardDay, members: Sequence[Member], method: str) -> TimedBurst:
-    parts = [burst_edges(day.spectra[one.searched.observatory], one.searched, one.candidate, method) for one in members]
-    return timed_burst(pd.concat(parts, ignore_index=True), day.spectra)
+def _timed(members: Sequence[Member], method: str) -> TimedBurst:
+    parts = [burst_edges(one.searched, one.candidate, method) for one in members]
+    spectra = {one.searched.observatory: one.searched.over for one in members}
+    return timed_burst(pd.concat(parts, ignore_index=True), spectra)
 
 
-def _shown(day: HeardDay, names: Sequence[str], burst: AssociatedBurst) -> xr.DataTree:
+def _shown(members: Sequence[Member], burst: AssociatedBurst) -> xr.DataTree:
     """Spectra of a burst, for its page."""
     start = burst.start_utc.to_datetime64()
     parts = {}
-    for name in names:
-        over = over_background(day.spectra[name]).drop_vars("noise_db")
-        part = cut(over, start - SHOWN_BEFORE, start + SHOWN_AFTER)
-        parts[name] = part.assign_attrs(source_files=", ".join(np.atleast_1d(part.attrs["source_files"])))
+    for searched in (member.searched for member in members):
+        part = searched.over.drop_vars("noise_db").sel(time=slice(start - SHOWN_BEFORE, start + SHOWN_AFTER))
+        parts[searched.observatory] = part.assign_attrs(
+            source_files=", ".join(np.atleast_1d(part.attrs["source_files"]))
+        )
     return xr.DataTree.from_dict(parts)
 
 

@@ -62,6 +62,11 @@ class Outcome:
     track: dict[str, Any]
 
 
+def run_name() -> str:
+    """Name of the run of the flow, under which it holds leases and logs."""
+    return str(flow_run.get_id() or "local")
+
+
 def is_retriable(_task: Task[..., Any], _run: TaskRun, state: State[Any]) -> bool:
     """Try again only where the class of the error says that trying again can help."""
     error = state.result(raise_on_failure=False, _sync=True)  # type: ignore[call-overload]
@@ -189,7 +194,7 @@ def localise_burst(
         What went wrong, in one line.
     """
     settings = Settings()
-    run_id = str(flow_run.get_id() or "local")
+    run_id = run_name()
     with (
         structlog.contextvars.bound_contextvars(run_id=run_id, subject=subject),
         closing(Catalogue.open(settings.catalogue_url, create=True)) as catalogue,

@@ -12,7 +12,6 @@ from typing import Any
 
 import structlog
 from prefect import flow
-from prefect.runtime import flow_run
 
 import bella
 from bella.bursts.association import LOCALISABLE, AssociatedBurst
@@ -33,7 +32,7 @@ from flows.days import (
     searched_record,
 )
 from flows.inputs import BurstInput
-from flows.localise_burst import STAGE, Choice, Outcome, coarse, localise_given
+from flows.localise_burst import STAGE, Choice, Outcome, coarse, localise_given, run_name
 from flows.progress import counter
 
 log = structlog.get_logger(__name__)
@@ -121,13 +120,13 @@ def process_days(first: date, last: date, archive: str | None = None, preset: st
     BellaError
         If the archive or the catalogue cannot be opened.
     """
-    settings, run_id = Settings(), str(flow_run.get_id() or "local")
+    settings = Settings()
     days = [first + number * DAY for number in range((last - first).days + 1)]
     mirrored = fetch(days, archive or settings.archive, settings)
     advance = counter("days", len(days))
     outcomes = []
     with (
-        structlog.contextvars.bound_contextvars(run_id=run_id),
+        structlog.contextvars.bound_contextvars(run_id=run_name()),
         closing(Catalogue.open(settings.catalogue_url, create=True)) as catalogue,
     ):
         for day in days:
@@ -144,9 +143,8 @@ def _outcome(files: DayFiles, catalogue: Catalogue, settings: Settings, choice: 
     known = catalogue.searched_day(files.day)
     if known is not None and (known.inputs_hash, known.code_version) == (files.inputs_hash, bella.__version__):
         return DayOutcome(files.day, NOTHING_NEW, known.observatories)
-    run_id = str(flow_run.get_id() or "local")
     try:
-        with catalogue.lease(SEARCH, f"{files.day}", run_id, settings.lease_s) as lease:
+        with catalogue.lease(SEARCH, f"{files.day}", run_name(), settings.lease_s) as lease:
             heard = listen(files)
             lease.renew(settings.lease_s)
             return _recorded(heard, catalogue, settings, choice)
@@ -168,24 +166,24 @@ def _recorded(heard: HeardDay, catalogue: Catalogue, settings: Settings, choice:
             localised += [] if isinstance(placed, str) else placed
         verdicts[burst.burst_id] = (known, reason)
     records = detection_records(heard.table, verdicts)
-    catalogue.record_day(searched_record(heard.files, heard.spectra), records)
+    catalogue.record_day(searched_record(heard.files, heard.observatories), records)
     accepted = sum(1 for one in records if one.burst_id)
     refused = tuple((name, reason) for name, reason in verdicts.values() if reason)
-    names = tuple(heard.spectra)
-    return DayOutcome(heard.files.day, SEARCHED, names, accepted, len(heard.bursts), tuple(localised), refused)
+    return DayOutcome(
+        heard.files.day, SEARCHED, heard.observatories, accepted, len(heard.bursts), tuple(localised), refused
+    )
 
 
 def _placed(  # noqa: PLR0913, PLR0917 - a step of the flow with all that it needs
     heard: HeardDay, burst: AssociatedBurst, burst_id: str, catalogue: Catalogue, settings: Settings, choice: Choice
 ) -> list[Outcome] | str:
     """Solutions of a burst, or why it cannot be placed."""
-    run_id = str(flow_run.get_id() or "local")
     with structlog.contextvars.bound_contextvars(burst_id=burst_id):
         try:
             given = time_burst(heard, burst, burst_id)
             if isinstance(given, str):
                 return given
-            with catalogue.lease(STAGE, burst_id, run_id, settings.lease_s) as lease:
+            with catalogue.lease(STAGE, burst_id, run_name(), settings.lease_s) as lease:
                 return localise_given(given, choice, catalogue, settings, lease)
         except BellaError as error:
             if error.retriable:

@@ -6,7 +6,7 @@ found nothing, what a search of the window itself finds: a source behind the Sun
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
 import pandas as pd
@@ -87,10 +87,11 @@ class AssociatedBurst:
     members: tuple[Member, ...]
     tier: str = CATALOGUED
     reason: str = ""
-    observatories: tuple[str, ...] = field(init=False)
 
-    def __post_init__(self) -> None:
-        object.__setattr__(self, "observatories", tuple(one.searched.observatory for one in self.members))
+    @property
+    def observatories(self) -> tuple[str, ...]:
+        """Who heard it, strongest first."""
+        return tuple(one.searched.observatory for one in self.members)
 
     @property
     def start_utc(self) -> pd.Timestamp:
@@ -109,18 +110,14 @@ def associate(searched: Sequence[Searched]) -> list[AssociatedBurst]:
     Parameters
     ----------
     searched : sequence of Searched
-        One for each spacecraft, of about the same time.
+        One for each spacecraft, of about the same time; those without a position (:func:`has_position`) are left out.
 
     Returns
     -------
     list of AssociatedBurst
         In order of time, each accepted detection in exactly one.
-
-    Raises
-    ------
-    InputError, NoDataError
-        If the ephemeris does not have a spacecraft (:func:`has_position`).
     """
+    searched = [one for one in searched if has_position(one)]
     free = [(one, spectrum) for spectrum in searched for one in spectrum.found if not one.reason]
     free.sort(key=lambda pair: -pair[0].score)
     taken: set[tuple[str, int]] = set()
@@ -162,7 +159,7 @@ def association_table(bursts: Sequence[AssociatedBurst], searched: Sequence[Sear
     ----------
     bursts : sequence of AssociatedBurst
     searched : sequence of Searched
-        What the bursts were found in, and those that :func:`has_position` keeps from it.
+        What the bursts were found in.
 
     Returns
     -------
@@ -170,7 +167,7 @@ def association_table(bursts: Sequence[AssociatedBurst], searched: Sequence[Sear
         Detection table in order of time; ``tier`` and ``reason`` are those of the burst.
     """
     rows = [
-        detection_row(member.searched, member.candidate)
+        detection_row(member.searched, member.candidate, member.company)
         | {"burst_id": burst.burst_id, "tier": burst.tier, "reason": burst.reason}
         for burst in bursts
         for member in burst.members

@@ -14,7 +14,7 @@ import pandas as pd
 import xarray as xr
 
 from bella.bursts.matched_filter import BEAM_SPEEDS_C, Match, channel_match, drift_delays_s, drift_match
-from bella.bursts.search_grid import FREQUENCY_MHZ, STEP_S, SearchGrid, search_grid
+from bella.bursts.search_grid import FREQUENCY_MHZ, STEP_S, SearchGrid, over_quiet, search_grid
 from bella.bursts.widths import decay_s
 from bella.units import FloatArray
 
@@ -38,7 +38,6 @@ DETECTION_COLUMNS = {
 in units of c that fits best, ``burst_id`` is empty until spacecraft are compared."""
 
 THRESHOLD = 6.0
-SEED_THRESHOLD = 4.0
 APART_RECORDS = 4
 """The highest of maxima this near to one another is the candidate."""
 
@@ -99,11 +98,17 @@ class Candidate(NamedTuple):
 class Searched(NamedTuple):
     """The spectrum of one spacecraft after the search."""
 
-    observatory: str
+    over: xr.Dataset
+    """Over its background (:func:`bella.bursts.search_grid.over_quiet`), as its edges are read from."""
     grid: SearchGrid
     match: Match
     found: tuple[Candidate, ...]
     """In order of time."""
+
+    @property
+    def observatory(self) -> str:
+        """Who recorded it."""
+        return str(self.over.attrs["observatory"])
 
 
 def search(spectrum: xr.Dataset) -> Searched:
@@ -123,10 +128,11 @@ def search(spectrum: xr.Dataset) -> Searched:
     InputError
         If the quantity of the spectrum is not known.
     """
-    grid = search_grid(spectrum)
+    over = over_quiet(spectrum)
+    grid = search_grid(over)
     match = drift_match(channel_match(grid.excess_db, grid.noise_db))
     found = tuple(_lasting_judged(grid, one) for one in candidates(match))
-    return Searched(str(spectrum.attrs["observatory"]), grid, match, found)
+    return Searched(over, grid, match, found)
 
 
 def detect_bursts(spectrum: xr.Dataset) -> pd.DataFrame:
@@ -251,20 +257,23 @@ def detection_table(rows: Sequence[dict[str, object]]) -> pd.DataFrame:
     return pd.DataFrame(list(rows), columns=list(DETECTION_COLUMNS)).astype(DETECTION_COLUMNS)
 
 
-def detection_row(searched: Searched, one: Candidate) -> dict[str, object]:
+def detection_row(searched: Searched, one: Candidate, company: str | None = None) -> dict[str, object]:
     """Measure a candidate on the grid it was found on.
 
     Parameters
     ----------
     searched : Searched
     one : Candidate
+    company : str, optional
+        What :func:`why_not_alone` says of it, where that is known.
 
     Returns
     -------
     dict
         Keys are `DETECTION_COLUMNS`.
     """
-    grid, company = searched.grid, why_not_alone(searched, one)
+    grid = searched.grid
+    company = why_not_alone(searched, one) if company is None else company
     band, onset = np.flatnonzero(one.hit), onset_records(one)
     peaks = np.array([_peak(grid.excess_db[:, channel], int(onset[channel]), int(channel)) for channel in band])
     heights = grid.excess_db[peaks, band]

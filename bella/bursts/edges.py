@@ -21,6 +21,8 @@ from bella.units import FloatArray
 EDGE_OF_METHOD = {"flank": "half_rise", "half_maximum": "half_maximum", "gauss_hermite": "gauss_hermite"}
 """Which edge each method finds, as the arrival table names it."""
 
+METHOD_OF_EDGE = {edge: method for method, edge in EDGE_OF_METHOD.items()}
+
 Window = tuple[np.datetime64, np.datetime64]
 
 

@@ -248,7 +248,7 @@ def _half_rise() -> TimedBurst:
     parts = []
     for spectrum in spectra.values():
         searched = search(spectrum)
-        parts.append(burst_edges(spectrum, searched, candidate_near(searched, EVENT.start_utc)))
+        parts.append(burst_edges(searched, candidate_near(searched, EVENT.start_utc)))
     return timed_burst(pd.concat(parts, ignore_index=True), spectra)
 
 

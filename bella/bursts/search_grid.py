@@ -26,6 +26,32 @@ EDGES_MHZ: FloatArray = np.geomspace(LOWEST_MHZ, HIGHEST_MHZ, CHANNELS + 1)
 FREQUENCY_MHZ: FloatArray = np.sqrt(EDGES_MHZ[1:] * EDGES_MHZ[:-1])
 
 
+def over_quiet(spectrum: xr.Dataset) -> xr.Dataset:
+    """Measured channels over their background, as bursts are searched in and timed on.
+
+    Parameters
+    ----------
+    spectrum : xarray.Dataset
+        A dynamic spectrum of any quantity, best of a whole day.
+
+    Returns
+    -------
+    xarray.Dataset
+        In decibels over background without channels marked as interpolated; a relative flux, whose background was taken
+        away, stays what it is.
+
+    Raises
+    ------
+    InputError
+        If the quantity of the spectrum is not known.
+    """
+    measured = spectrum
+    if "interpolated" in spectrum:
+        measured = spectrum.isel(frequency=np.flatnonzero(spectrum["interpolated"].to_numpy() == 0))
+    is_without = spectrum.attrs["quantity"] == "relative_flux" or measured.sizes["frequency"] == 0
+    return measured if is_without else over_background(measured)
+
+
 class SearchGrid(NamedTuple):
     """A spectrum on the grid."""
 
@@ -37,31 +63,23 @@ class SearchGrid(NamedTuple):
     """Scatter of quiet minutes, shape (CHANNELS,); NaN for channels without data."""
 
 
-def search_grid(spectrum: xr.Dataset) -> SearchGrid:
+def search_grid(over: xr.Dataset) -> SearchGrid:
     """Put a spectrum on the grid, clean of single-minute columns, in dB over background.
 
     Parameters
     ----------
-    spectrum : xarray.Dataset
-        A dynamic spectrum of any quantity, best of a whole day; channels marked as interpolated do not count.
+    over : xarray.Dataset
+        As :func:`over_quiet` returns it.
 
     Returns
     -------
     SearchGrid
-
-    Raises
-    ------
-    InputError
-        If the quantity of the spectrum is not known.
     """
-    measured = spectrum
-    if "interpolated" in spectrum:
-        measured = spectrum.isel(frequency=np.flatnonzero(spectrum["interpolated"].to_numpy() == 0))
-    start = spectrum["time"].to_numpy()[0].astype("datetime64[m]")
-    if measured.sizes["frequency"] == 0:
-        minutes = int((spectrum["time"].to_numpy()[-1] - start) / np.timedelta64(60, "s")) + 1
+    start = over["time"].to_numpy()[0].astype("datetime64[m]")
+    if over.sizes["frequency"] == 0:
+        minutes = int((over["time"].to_numpy()[-1] - start) / np.timedelta64(60, "s")) + 1
         return SearchGrid(start, np.full((minutes, CHANNELS), np.nan), np.full(CHANNELS, np.nan))
-    over = _raised(measured) if spectrum.attrs["quantity"] == "relative_flux" else over_background(measured)
+    over = _raised(over) if over.attrs["quantity"] == "relative_flux" else over
     binned = _despiked(_binned(over, start))
     smooth = _median_of_three(binned)
     return SearchGrid(start.astype("datetime64[ns]"), smooth, _noise_db(smooth))

@@ -21,7 +21,6 @@ from bella.bursts.search_grid import FREQUENCY_MHZ, STEP_S
 from bella.bursts.time_evolution import TimeEvolution, best_time_evolution, common_offset_s
 from bella.bursts.widths import decay_s, rise_half_width_s
 from bella.exceptions import InputError, NoDataError
-from bella.spectra import over_background
 from bella.spectra.assembly import cadence_s
 from bella.units import FloatArray
 
@@ -97,13 +96,11 @@ def candidate_near(searched: Searched, around_utc: np.datetime64) -> Candidate:
     return candidate_at(match, max(0, first) + int(near.argmax()))
 
 
-def burst_edges(spectrum: xr.Dataset, searched: Searched, one: Candidate, method: str = "flank") -> pd.DataFrame:
+def burst_edges(searched: Searched, one: Candidate, method: str = "flank") -> pd.DataFrame:
     """Edges of a burst in the channels of one spacecraft.
 
     Parameters
     ----------
-    spectrum : xarray.Dataset
-        Dynamic spectrum that was searched.
     searched : Searched
     one : Candidate
         The burst.
@@ -120,9 +117,8 @@ def burst_edges(spectrum: xr.Dataset, searched: Searched, one: Candidate, method
     NoDataError
         If the spectrum has no channel in that band.
     """
-    over = spectrum if spectrum.attrs["quantity"] == "relative_flux" else over_background(spectrum)
     low, high = FREQUENCY_MHZ[np.flatnonzero(one.hit)[[0, -1]]]
-    part = over.sel(frequency=slice(low / BAND_MARGIN, max(high, HIGHEST_MHZ) * BAND_MARGIN))
+    part = searched.over.sel(frequency=slice(low / BAND_MARGIN, max(high, HIGHEST_MHZ) * BAND_MARGIN))
     if part.sizes["frequency"] == 0:
         raise NoDataError(f"{searched.observatory} has no channel from {low:.3g} to {high:.3g} MHz")
     onset_s = _onsets_s(searched, one, part["frequency"].to_numpy())

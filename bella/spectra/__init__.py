@@ -1,7 +1,7 @@
 """Dynamic spectra: their form, reading them from archive files, their background, and those of the built-in event."""
 
 from bella.spectra.background import Background, decibels, over_background, quiet_level
-from bella.spectra.by_observatory import by_observatory, cut
+from bella.spectra.by_observatory import by_observatory
 from bella.spectra.combination import combine_receivers, join_days
 from bella.spectra.digitised import event_spectra
 from bella.spectra.dynamic_spectrum import (
@@ -23,7 +23,6 @@ __all__ = [
     "Product",
     "by_observatory",
     "combine_receivers",
-    "cut",
     "decibels",
     "event_spectra",
     "find_product",

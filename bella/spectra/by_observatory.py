@@ -3,7 +3,6 @@
 from collections.abc import Iterable
 from functools import reduce
 
-import numpy as np
 import xarray as xr
 
 from bella.exceptions import InputError
@@ -59,21 +58,3 @@ def by_observatory(spectra: Iterable[xr.Dataset]) -> dict[str, xr.Dataset]:
 
 def _rank(spectrum: xr.Dataset) -> tuple[float, int]:
     return round(cadence_s(spectrum["time"].to_numpy()), 1), -spectrum.sizes["frequency"]
-
-
-def cut(spectrum: xr.Dataset, start: np.datetime64, stop: np.datetime64) -> xr.Dataset:
-    """Records of a spectrum between two times.
-
-    Parameters
-    ----------
-    spectrum : xarray.Dataset
-        Dynamic spectrum.
-    start, stop : numpy.datetime64
-        UTC.
-
-    Returns
-    -------
-    xarray.Dataset
-        A dynamic spectrum; it may have no records, and then is none.
-    """
-    return spectrum.sel(time=slice(start, stop))

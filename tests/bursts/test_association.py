@@ -205,10 +205,16 @@ def test_no_maximum_of_2020_07_21_stands_twice(days_2020: list[Searched]) -> Non
     assert_each_detection_once(days_2020, associate(days_2020))
 
 
+def named(searched: Searched, observatory: str) -> Searched:
+    """The same search under the name of another spacecraft."""
+    return searched._replace(over=searched.over.assign_attrs(observatory=observatory))
+
+
 def test_an_unknown_spacecraft_is_not_compared_but_stands_in_the_table(fleet: list[Searched]) -> None:
-    stranger = fleet[0]._replace(observatory="STRANGER")
-    known = [one for one in (*fleet, stranger) if has_position(one)]
-    table = association_table(associate(known), [*fleet, stranger])
+    stranger = named(fleet[0], "STRANGER")
+    everyone = [*fleet, stranger]
+    known = [one for one in everyone if has_position(one)]
+    table = association_table(associate(everyone), everyone)
     rows = table[table["observatory"] == "STRANGER"]
 
     assert known == fleet
@@ -221,8 +227,8 @@ def test_an_unknown_spacecraft_is_not_compared_but_stands_in_the_table(fleet: li
 def test_spacecraft_before_their_launch_have_no_position(fleet: list[Searched]) -> None:
     early = fleet[0].grid._replace(start=np.datetime64("2010-01-17", "ns"))
 
-    assert not has_position(fleet[0]._replace(observatory="PSP", grid=early))
-    assert has_position(fleet[0]._replace(observatory="STEREO-B", grid=early))
+    assert not has_position(named(fleet[0], "PSP")._replace(grid=early))
+    assert has_position(named(fleet[0], "STEREO-B")._replace(grid=early))
 
 
 def test_members_heard_within_light_travel(fleet: list[Searched]) -> None:

@@ -14,6 +14,7 @@ from bella.bursts.search_grid import (
     LEAST_NOISE_DB,
     SearchGrid,
     minutes_utc,
+    over_quiet,
     search_grid,
 )
 from bella.spectra.assembly import Origin, assemble
@@ -31,6 +32,10 @@ def quiet(minutes: int = MINUTES, cadence_s: float = 60.0, mhz: np.ndarray = FRE
     return assemble(Origin("TEST", "grid", "db_over_background", "none"), time, mhz, noise, {})
 
 
+def grid_of(spectrum: xr.Dataset) -> SearchGrid:
+    return search_grid(over_quiet(spectrum))
+
+
 def with_column(spectrum: xr.Dataset, records: slice, channels: slice, height_db: float = 10.0) -> xr.Dataset:
     intensity = spectrum["intensity"].copy()
     intensity[records, channels] += height_db
@@ -44,20 +49,18 @@ def test_grid_covers_the_band_of_bursts() -> None:
 
 
 def test_every_record_is_in_its_minute() -> None:
-    grid = search_grid(quiet())
+    grid = grid_of(quiet())
 
     assert grid.excess_db.shape == (MINUTES, CHANNELS)
     np.testing.assert_array_equal(minutes_utc(grid), quiet()["time"].to_numpy())
 
 
 def test_noise_is_that_of_the_quiet_minutes_and_never_less_than_the_least() -> None:
-    noise = search_grid(quiet()).noise_db
+    noise = grid_of(quiet()).noise_db
 
     assert np.median(noise) == pytest.approx(0.67 * NOISE_DB, rel=0.15)  # of medians of three channels
     still = quiet()
-    np.testing.assert_array_equal(
-        search_grid(still.assign(intensity=still["intensity"] * 0.0)).noise_db, LEAST_NOISE_DB
-    )
+    np.testing.assert_array_equal(grid_of(still.assign(intensity=still["intensity"] * 0.0)).noise_db, LEAST_NOISE_DB)
 
 
 @pytest.mark.parametrize("cadence_s", [7.0, 16.0, 60.0])
@@ -65,7 +68,7 @@ def test_cadence_does_not_move_a_rise(cadence_s: float) -> None:
     spectrum = quiet(cadence_s=cadence_s)
     is_late = (spectrum["time"].to_numpy() - START) >= np.timedelta64(300 * 60, "s")
     is_late &= (spectrum["time"].to_numpy() - START) < np.timedelta64(330 * 60, "s")
-    grid = search_grid(spectrum.assign(intensity=spectrum["intensity"] + 10.0 * is_late[:, None].astype(np.float32)))
+    grid = grid_of(spectrum.assign(intensity=spectrum["intensity"] + 10.0 * is_late[:, None].astype(np.float32)))
 
     high = np.flatnonzero(np.median(grid.excess_db, axis=1) > 5.0)
     assert (high[0], high[-1]) == pytest.approx((300, 329), abs=1)
@@ -75,14 +78,14 @@ def test_samples_of_a_sweep_are_at_their_own_times() -> None:
     offset_s = np.linspace(-120.0, 120.0, CHANNELS)
     spectrum = quiet().assign(sample_offset_s=("frequency", offset_s))
     spectrum = with_column(spectrum, slice(300, 330), slice(None))
-    rise = np.argmax(search_grid(spectrum).excess_db > 5.0, axis=0)
+    rise = np.argmax(grid_of(spectrum).excess_db > 5.0, axis=0)
 
     np.testing.assert_allclose(rise, 300 + offset_s / 60.0, atol=1.01)
 
 
 @pytest.mark.parametrize("minutes", [1, 2])
 def test_a_calibration_column_goes(minutes: int) -> None:
-    grid = search_grid(with_column(quiet(), slice(300, 300 + minutes), slice(None)))
+    grid = grid_of(with_column(quiet(), slice(300, 300 + minutes), slice(None)))
 
     assert np.isnan(grid.excess_db[300 : 300 + minutes]).all()
     assert np.isfinite(np.delete(grid.excess_db, [300, 301], axis=0)).all()
@@ -90,13 +93,13 @@ def test_a_calibration_column_goes(minutes: int) -> None:
 
 def test_a_column_at_high_frequencies_stays() -> None:
     """There, bursts last no longer."""
-    grid = search_grid(with_column(quiet(), slice(300, 301), slice(30, None)))
+    grid = grid_of(with_column(quiet(), slice(300, 301), slice(30, None)))
 
     assert np.median(grid.excess_db[300, 31:]) > 8.0
 
 
 def test_a_single_disturbed_channel_goes() -> None:
-    grid = search_grid(with_column(quiet(), slice(200, 300), slice(20, 21)))
+    grid = grid_of(with_column(quiet(), slice(200, 300), slice(20, 21)))
 
     assert np.abs(grid.excess_db[200:300]).max() < 4.0
 
@@ -107,7 +110,7 @@ def test_channels_without_data_have_neither_values_nor_noise(dead: set[int]) -> 
     spectrum = quiet(minutes=90)
     intensity = spectrum["intensity"].to_numpy().copy()
     intensity[:, list(dead)] = np.nan
-    grid = search_grid(spectrum.assign(intensity=(("time", "frequency"), intensity)))
+    grid = grid_of(spectrum.assign(intensity=(("time", "frequency"), intensity)))
 
     expected = np.isin(np.arange(CHANNELS), list(dead))
     np.testing.assert_array_equal(np.isnan(grid.noise_db), expected)
@@ -117,7 +120,7 @@ def test_channels_without_data_have_neither_values_nor_noise(dead: set[int]) -> 
 def test_channels_outside_the_grid_do_not_count() -> None:
     outside = quiet(minutes=90, mhz=np.array([0.01, 0.05, 15.0, 19.0]))
 
-    assert np.isnan(search_grid(outside).excess_db).all()
+    assert np.isnan(grid_of(outside).excess_db).all()
 
 
 def test_match_of_noise_has_unit_scatter() -> None:

@@ -54,7 +54,7 @@ def heard() -> Heard:
 
 @pytest.fixture(scope="module")
 def timed(heard: Heard) -> TimedBurst:
-    edges = pd.concat([burst_edges(*one) for one in heard.values()], ignore_index=True)
+    edges = pd.concat([burst_edges(*one[1:]) for one in heard.values()], ignore_index=True)
     return timed_burst(edges, {name: one[0] for name, one in heard.items()})
 
 
@@ -106,7 +106,7 @@ def test_interpolated_channels_are_never_timed(heard: Heard) -> None:
     flagged = one.assign(interpolated=("frequency", flags))
     searched = search(flagged)
 
-    edges = burst_edges(flagged, searched, candidate_near(searched, RELEASE + np.timedelta64(9, "m")))
+    edges = burst_edges(searched, candidate_near(searched, RELEASE + np.timedelta64(9, "m")))
 
     assert set(edges["frequency_mhz"]) <= set(CHANNELS_MHZ[~flags])
 

@@ -6,7 +6,7 @@ import xarray as xr
 
 from bella.exceptions import InputError
 from bella.spectra.assembly import Origin, assemble
-from bella.spectra.by_observatory import by_observatory, cut
+from bella.spectra.by_observatory import by_observatory
 
 START = np.datetime64("2020-07-21", "ns")
 LOW, HIGH = (0.1, 0.2, 0.4), (1.0, 2.0, 4.0)
@@ -70,11 +70,3 @@ def test_the_thermal_noise_receiver_is_left_out() -> None:
 def test_nothing_to_search_is_told(nothing: list[str]) -> None:
     with pytest.raises(InputError, match="name files of at least one receiver"):
         by_observatory([spectrum("WIND", name) for name in nothing])
-
-
-def test_cut_keeps_the_records_between() -> None:
-    whole = spectrum()
-    part = cut(whole, START + np.timedelta64(60, "s"), START + np.timedelta64(180, "s"))
-
-    np.testing.assert_array_equal(part["time"], whole["time"][1:4])
-    assert cut(whole, START - np.timedelta64(2, "D"), START - np.timedelta64(1, "D")).sizes["time"] == 0
