@@ -1,6 +1,8 @@
 """Why the methods do not agree about a track, in plain English and from their numbers."""
 
-from collections.abc import Mapping
+import math
+from collections.abc import Mapping, Sequence
+from itertools import combinations
 from typing import Any
 
 from api.wording import flag_meaning
@@ -54,7 +56,11 @@ def edge_remark(tracks: Mapping[str, Fit]) -> str:
     str
         Empty where fewer than two have a joint fit.
     """
-    known = {edge: track["joint"] for edge, track in tracks.items() if _mean(track.get("joint") or {}, "phi0_deg")}
+    known = {
+        edge: track["joint"]
+        for edge, track in tracks.items()
+        if _mean(track.get("joint") or {}, "phi0_deg") is not None
+    }
     if len(known) < 2:
         return ""
     each = ", ".join(
@@ -62,8 +68,25 @@ def edge_remark(tracks: Mapping[str, Fit]) -> str:
     )
     return (
         f"One burst, timed at different points of its rise: {each} by the joint fit. "
-        "No error of a single column holds this difference."
+        f"{_apart_words(list(known.values()))}, and no error of a single column is meant to hold that."
     )
+
+
+def _apart_words(fits: Sequence[Fit]) -> str:
+    """How far the longitudes of fits lie apart, and whether that is more than their errors."""
+    pairs = [(_turn(one, other), _joint_sd(one, other)) for one, other in combinations(fits, 2)]
+    apart, error = max(pairs)
+    verdict = "more than" if any(angle > APART_SD * sd for angle, sd in pairs) else "within what"
+    return f"The longitudes lie up to {apart:.0f}° apart, {verdict} their errors allow (± {error:.0f}° for that pair)"
+
+
+def _turn(one: Fit, other: Fit) -> float:
+    """Angle between two longitudes, degrees."""
+    return float(abs((one["phi0_deg"]["mean"] - other["phi0_deg"]["mean"] + 180) % 360 - 180))
+
+
+def _joint_sd(one: Fit, other: Fit) -> float:
+    return float(math.hypot(_sd(one, "phi0_deg") or 0.0, _sd(other, "phi0_deg") or 0.0))
 
 
 def _too_small(joint: Fit, line: Fit) -> str:
@@ -93,8 +116,7 @@ def _against_semp(joint: Fit, semp: Fit) -> str:
     mine, theirs = _mean(joint, "phi0_deg"), _mean(semp, "phi0_deg")
     if mine is None or theirs is None:
         return ""
-    apart = abs((mine - theirs + 180) % 360 - 180)
-    error = ((_sd(joint, "phi0_deg") or 0) ** 2 + (_sd(semp, "phi0_deg") or 0) ** 2) ** 0.5
+    apart, error = _turn(joint, semp), _joint_sd(joint, semp)
     verdict = "more than" if apart > APART_SD * error else "within what"
     return (
         "SEMP takes distances from a density model and the wind as known. Its longitude is "
