@@ -10,9 +10,9 @@ from bella.simulation.burst import SimulatedBurst
 from bella.simulation.instruments import Instrument
 from bella.simulation.nuisances import add_nuisance
 from bella.simulation.receiver import Receiver, received_power
-from bella.simulation.sky import DAY_S, Conditions, Sky
+from bella.simulation.sky import Conditions, Sky
 from bella.spectra.assembly import Origin, assemble
-from bella.units import FloatArray
+from bella.units import DAY_S, FloatArray
 
 BURST_LASTS_S = 4 * 3600.0
 """How long after its release a burst may still be heard."""

@@ -220,7 +220,7 @@ class CalibrationColumn:
 
 @dataclass(frozen=True)
 class ParticleHits:
-    """Single samples lifted by energetic particles, more of them as the storm of particles goes on.
+    """Single samples lifted by energetic particles.
 
     Attributes
     ----------

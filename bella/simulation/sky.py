@@ -20,8 +20,8 @@ from bella.simulation.nuisances import (
     Patches,
     TypeTwoLane,
 )
+from bella.units import DAY_S
 
-DAY_S = 86400.0
 MEAN_BURSTS = 6.0
 GROUP_PROBABILITY = 0.25
 KILOMETRIC_FROM = ("WIND",)

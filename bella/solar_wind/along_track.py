@@ -9,7 +9,7 @@ from bella.heliosphere import SIDEREAL_ROTATION_D, spiral_longitude_deg
 from bella.solar_wind.field_line import field_line_longitude_deg
 from bella.solar_wind.steady import SteadyWind
 from bella.solar_wind.upwind import WindHistory
-from bella.spacecraft.turning import cartesian, hee_from, hee_to, polar
+from bella.spacecraft import cartesian, hee_from, hee_to, polar
 from bella.units import FloatArray
 
 

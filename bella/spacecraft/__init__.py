@@ -12,8 +12,8 @@ from bella.spacecraft.ephemeris import (
     position,
     position_hee,
 )
-from bella.spacecraft.frames import FRAMES
-from bella.spacecraft.turning import cartesian, hee_from, hee_to, polar
+from bella.spacecraft.frames import FRAMES, cartesian, polar
+from bella.spacecraft.turning import hee_from, hee_to
 
 __all__ = [
     "BODIES",

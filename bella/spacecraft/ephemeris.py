@@ -20,7 +20,7 @@ import xarray as xr
 from scipy.interpolate import CubicSpline
 
 from bella.exceptions import InputError, NoDataError, StoreError
-from bella.spacecraft.frames import frame_axes, hee_axes
+from bella.spacecraft.frames import frame_axes, hee_axes, polar
 from bella.units import C_RSUN_S, R_SUN_KM, FloatArray
 
 FRAME = "HEE"
@@ -353,9 +353,8 @@ def fleet(utc: np.datetime64, frame: str = "hee") -> pd.DataFrame:
     """
     moment = _instants(utc)[0]
     present = [name for name in OBSERVATORIES if name == "WIND" or _covers(name, moment)]
-    x, y, z = np.concatenate([position(name, moment, frame) for name in present]).T
-    range_rsun = np.sqrt(x**2 + y**2 + z**2)
-    longitude_deg, latitude_deg = np.degrees(np.arctan2(y, x)), np.degrees(np.arcsin(z / range_rsun))
+    points = np.concatenate([position(name, moment, frame) for name in present])
+    (x, y, z), (range_rsun, longitude_deg, latitude_deg) = points.T, polar(points)
     if frame.lower() == "carrington":
         longitude_deg = longitude_deg % 360.0
     columns = {"x_rsun": x, "y_rsun": y, "z_rsun": z, "range_rsun": range_rsun}

@@ -5,6 +5,7 @@ Carrington turns with the Sun; HCI (heliocentric inertial) does not turn.
 """
 
 import numpy as np
+import numpy.typing as npt
 
 from bella.exceptions import InputError
 from bella.units import DAY_S, FloatArray
@@ -250,3 +251,61 @@ def check_frame(frame: str) -> str:
     if frame.lower() not in FRAMES:
         raise InputError(f"frame {frame!r} is not known: use one of {', '.join(FRAMES)}")
     return frame.lower()
+
+
+def polar(point_rsun: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Distance, longitude and latitude of points of any frame.
+
+    Parameters
+    ----------
+    point_rsun : numpy.ndarray, shape (N, 3)
+
+    Returns
+    -------
+    range_rsun, longitude_deg, latitude_deg : numpy.ndarray, shape (N,)
+        Longitude -180 to 180 degrees.
+    """
+    x, y, z = points_of(point_rsun).T
+    in_plane = np.hypot(x, y)
+    return np.hypot(in_plane, z), np.degrees(np.arctan2(y, x)), np.degrees(np.arctan2(z, in_plane))
+
+
+def cartesian(range_rsun: npt.ArrayLike, longitude_deg: npt.ArrayLike, latitude_deg: npt.ArrayLike) -> FloatArray:
+    """Points from distance, longitude and latitude: the inverse of :func:`polar`.
+
+    Parameters
+    ----------
+    range_rsun, longitude_deg, latitude_deg : array_like
+        Broadcast to shape (N,).
+
+    Returns
+    -------
+    numpy.ndarray, shape (N, 3)
+    """
+    longitude, latitude = np.radians(longitude_deg), np.radians(latitude_deg)
+    x, y, z = np.cos(latitude) * np.cos(longitude), np.cos(latitude) * np.sin(longitude), np.sin(latitude)
+    shape = np.broadcast_shapes(np.shape(range_rsun), np.shape(x), np.shape(z))
+    unit = np.stack([np.broadcast_to(axis, shape) for axis in (x, y, z)], axis=-1)
+    return np.asarray(np.asarray(range_rsun, dtype=np.float64)[..., None] * unit).reshape(-1, 3)
+
+
+def points_of(point: npt.ArrayLike) -> FloatArray:
+    """Points as an array of three coordinates each.
+
+    Parameters
+    ----------
+    point : array_like
+
+    Returns
+    -------
+    numpy.ndarray, shape (N, 3)
+
+    Raises
+    ------
+    InputError
+        If they are anything else.
+    """
+    points = np.asarray(point, dtype=np.float64)
+    if points.ndim != 2 or points.shape[1] != 3:
+        raise InputError(f"points of shape {points.shape} are not N x 3: give x, y and z for each")
+    return points
