@@ -226,22 +226,30 @@ def _shown(members: Sequence[Member], burst: AssociatedBurst) -> xr.DataTree:
     return xr.DataTree.from_dict(parts)
 
 
-def known_burst_id(catalogue: Catalogue, burst: AssociatedBurst) -> str:
-    """Name of a burst: that of the one in the catalogue which it is, or a new one.
+def known_burst_ids(catalogue: Catalogue, bursts: Sequence[AssociatedBurst]) -> dict[str, str]:
+    """Names of bursts in the catalogue: of the one there which each is, or its own.
 
     Parameters
     ----------
     catalogue : Catalogue
-    burst : AssociatedBurst
+    bursts : sequence of AssociatedBurst
+        Of one day.
 
     Returns
     -------
-    str
+    dict of str to str
+        By the name of the burst; no name of the catalogue is given twice, but to the nearest.
     """
-    start = aware(burst.start_utc.to_datetime64())
-    page = catalogue.bursts(BurstQuery(start=start - SAME_BURST, stop=start + SAME_BURST))
-    near = sorted(page.bursts, key=lambda one: abs(one.burst.start_utc - start))
-    return near[0].burst.burst_id if near else burst.burst_id
+    apart = []
+    for burst in bursts:
+        start = aware(burst.start_utc.to_datetime64())
+        page = catalogue.bursts(BurstQuery(start=start - SAME_BURST, stop=start + SAME_BURST))
+        apart += [(abs(one.burst.start_utc - start), burst.burst_id, one.burst.burst_id) for one in page.bursts]
+    names: dict[str, str] = {}
+    for _, own, known in sorted(apart):
+        if own not in names and known not in names.values():
+            names[own] = known
+    return {burst.burst_id: burst.burst_id for burst in bursts} | names
 
 
 def searched_record(files: DayFiles, spectra: Iterable[str]) -> SearchedDay:

@@ -27,7 +27,7 @@ from flows.days import (
     day_files,
     detection_records,
     hear,
-    known_burst_id,
+    known_burst_ids,
     place_burst,
     searched_record,
 )
@@ -157,8 +157,9 @@ def _recorded(heard: HeardDay, catalogue: Catalogue, settings: Settings, choice:
     """Localise the bursts of a day, then record what was heard: a day that was cut short is done again."""
     verdicts: dict[str, tuple[str, str]] = {}
     localised: list[Outcome] = []
+    names = known_burst_ids(catalogue, heard.bursts)
     for burst in heard.bursts:
-        known = known_burst_id(catalogue, burst)
+        known = names[burst.burst_id]
         reason = burst.reason
         if burst.tier == LOCALISABLE:
             placed = _placed(heard, burst, known, catalogue, settings, choice)

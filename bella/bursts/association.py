@@ -6,7 +6,7 @@ found nothing, what a search of the window itself finds: a source behind the Sun
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import pandas as pd
@@ -82,11 +82,14 @@ class AssociatedBurst:
     tier : str
         "localisable", or "catalogued" with the reason why it is no more.
     reason : str
+    burst_id : str
+        Name, after the onset; of several that begin in one minute all but the first have a letter behind it, from b on.
     """
 
     members: tuple[Member, ...]
     tier: str = CATALOGUED
     reason: str = ""
+    burst_id: str = ""
 
     @property
     def observatories(self) -> tuple[str, ...]:
@@ -97,11 +100,6 @@ class AssociatedBurst:
     def start_utc(self) -> pd.Timestamp:
         """Earliest onset at the highest frequency of a spacecraft."""
         return min(_start(one.searched, one.candidate) for one in self.members)
-
-    @property
-    def burst_id(self) -> str:
-        """Name of the burst, after its onset."""
-        return burst_id(self.start_utc.to_datetime64())
 
 
 def associate(searched: Sequence[Searched]) -> list[AssociatedBurst]:
@@ -131,7 +129,19 @@ def associate(searched: Sequence[Searched]) -> list[AssociatedBurst]:
                 members += _heard_by(other, members, taken)
         taken |= {(member.searched.observatory, member.candidate.record) for member in members}
         bursts.append(_judged(members))
-    return sorted(bursts, key=lambda burst: burst.start_utc)
+    return sorted(_named(bursts), key=lambda burst: burst.start_utc)
+
+
+def _named(bursts: Sequence[AssociatedBurst]) -> list[AssociatedBurst]:
+    """Bursts with names of their own; of those that share a minute one that can be placed comes first."""
+    taken: dict[str, int] = {}
+    named = []
+    for burst in sorted(bursts, key=lambda one: one.tier != LOCALISABLE):
+        name = burst_id(burst.start_utc.to_datetime64())
+        letter = "" if name not in taken else chr(ord("a") + taken[name])
+        taken[name] = taken.get(name, 0) + 1
+        named.append(replace(burst, burst_id=name + letter))
+    return named
 
 
 def has_position(searched: Searched) -> bool:

@@ -1,5 +1,6 @@
 """Which spacecraft heard the same burst, and what may be placed."""
 
+from dataclasses import replace
 from datetime import date
 from pathlib import Path
 
@@ -8,7 +9,14 @@ import pandas as pd
 import pytest
 from pandas.testing import assert_frame_equal
 
-from bella.bursts.association import LOCALISABLE, AssociatedBurst, associate, association_table, has_position
+from bella.bursts.association import (
+    LOCALISABLE,
+    AssociatedBurst,
+    _named,
+    associate,
+    association_table,
+    has_position,
+)
 from bella.bursts.detection import APART_RECORDS, CATALOGUED, DETECTION_COLUMNS, Searched, search
 from bella.simulation.archive_days import sky_of
 from bella.simulation.nuisances import JovianArc
@@ -236,3 +244,12 @@ def test_members_heard_within_light_travel(fleet: list[Searched]) -> None:
     for burst in associate(fleet):
         records = np.array([member.candidate.record for member in burst.members])
         assert np.ptp(records) * 60.0 <= across_s
+
+
+def test_bursts_of_one_minute_have_names_of_their_own(fleet: list[Searched]) -> None:
+    (first, *_) = associate(fleet)
+    single = replace(first, tier=CATALOGUED)
+    twice = _named([single, replace(first, tier=LOCALISABLE), single])
+
+    assert [one.burst_id.removeprefix(first.burst_id) for one in twice] == ["", "b", "c"]
+    assert twice[0].tier == LOCALISABLE, "the one that can be placed keeps the plain name"
