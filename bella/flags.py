@@ -40,6 +40,10 @@ TRACK_FLAGS = {
     "poor_fit": "The best joint spiral misses the arrival times by more than their errors would give once in 10 000 "
     "times: the model or an error is wrong, and the errors of the fit are too small.",
     "poor_weights": "Less than 0.3 of the draws of the joint fit count: its numbers are rough.",
+    "arrivals_down_weighted": "Arrival times miss the joint spiral by far more than the others do: they were taken for "
+    "bad and hardly count.",
+    "ingredients_disagree": "Arrival times, wave directions and the known wind contradict one another by more than "
+    "three standard deviations: one of them, or its error, is wrong.",
 }
 """Flags of a fit to the track of a burst."""
 

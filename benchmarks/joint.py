@@ -16,7 +16,18 @@ from scipy.stats import binomtest
 
 from bella.arrivals import ArrivalGrid
 from bella.heliosphere import DENSITY_MODELS, beam_travel_s, emission_range_rsun, slowing_travel_s, spiral_position_rsun
-from bella.tracks import JointFit, JointModel, fit_joint, sample_joint_nuts
+from bella.tracks import (
+    DirectionTerms,
+    Ingredients,
+    JointFit,
+    JointModel,
+    WindPrior,
+    fit_fused,
+    fit_ingredients,
+    fit_joint,
+    sample_joint_nuts,
+)
+from bella.tracks.joint_likelihood import OFFSET_SHARE
 from bella.units import AU_RSUN, C_RSUN_S, FloatArray
 from benchmarks.localisation import seconds
 
@@ -101,6 +112,18 @@ def shared(rng: np.random.Generator) -> FloatArray:
     return math.sqrt(0.5) * (gaussian(rng) + rng.standard_normal(SIGMA_S.size))
 
 
+def as_assumed(rng: np.random.Generator) -> FloatArray:
+    """Independent errors as stated, and the offsets that a fit assumes where none is declared."""
+    return gaussian(rng) + OFFSET_SHARE * rng.standard_normal(SIGMA_S.size)
+
+
+def one_bad(rng: np.random.Generator) -> FloatArray:
+    """One arrival time is off by more than a hundred errors."""
+    noise = gaussian(rng)
+    noise[rng.integers(FREQUENCY_MHZ.size), rng.integers(SIGMA_S.size)] += 130.0
+    return noise
+
+
 def heard(truth: Truth, noise: FloatArray, stretch: float) -> ArrivalGrid:
     """Arrival times with noise."""
     sigma_s = np.tile(stretch * SIGMA_S, (FREQUENCY_MHZ.size, 1))
@@ -168,8 +191,14 @@ def _quality(fits: list[JointFit]) -> tuple[str, str]:
 def calibrated() -> Iterator[Row]:
     """Bursts as the model has them."""
     for label, stretch in STRETCH.items():
-        yield from coverage(Case(f"truth from the prior, {label}", from_the_prior, stretch=stretch), BURSTS)
-        yield from coverage(Case(f"30 deg, 400 km/s, {label}", fixed, stretch=stretch), BURSTS)
+        for case in (
+            Case("prior, no offsets, told so", from_the_prior, fit=told_of_none),
+            Case("30 deg, 400 km/s, the same", fixed, fit=told_of_none),
+            Case("prior, offsets as assumed", from_the_prior, as_assumed),
+            Case("30 deg, 400 km/s, the same", fixed, as_assumed),
+            Case("30 deg, 400 km/s, no offsets, not told", fixed),
+        ):
+            yield from coverage(replace(case, label=f"{case.label}, {label}", stretch=stretch), BURSTS)
 
 
 def misfitted() -> Iterator[Row]:
@@ -181,6 +210,9 @@ def misfitted() -> Iterator[Row]:
             Case("beam slows as r^-0.3", slowing(0.3)),
             Case("Student's t(3) noise", fixed, heavy),
             Case("offsets, not told", fixed, shared),
+            Case("offsets, told of none", fixed, shared, fit=told_of_none),
+            Case("one bad arrival", fixed, one_bad),
+            Case("one bad arrival, told of no offsets", fixed, one_bad, fit=told_of_none),
         ):
             yield from coverage(replace(case, label=f"{case.label}, {label}", stretch=stretch), WRONG_BURSTS)
     small = STRETCH["errors / 4"]
@@ -201,6 +233,38 @@ def told_of_offsets(grid: ArrivalGrid) -> JointFit:
     """The fit with half of the variance declared as an offset of the receiver."""
     half = grid.sigma_s * math.sqrt(0.5)
     return fit_joint(replace(grid, sigma_s=half, offset_sd_s=half))
+
+
+def told_of_none(grid: ArrivalGrid) -> JointFit:
+    """The fit without any offset."""
+    return fit_joint(grid, common_sd_s=0.0)
+
+
+def with_directions(grid: ArrivalGrid) -> Ingredients:
+    """Directions at every fourth frequency, 3 degrees at the two spacecraft beside the Sun, and a wind of 25 km/s."""
+    rng = np.random.default_rng(int(abs(grid.arrival_s[0, 0]) * 1e6) % 2**32)
+    frequency = np.repeat(FREQUENCY_MHZ[::4], 2)
+    place = np.tile(receivers_rsun()[0, 1:], (FREQUENCY_MHZ[::4].size, 1))
+    sight = spiral_position_rsun(40.0 * 0.55 / frequency, FIXED["phi0_deg"], FIXED["v_sw_km_s"]) - place
+    longitude = np.arctan2(sight[:, 1], sight[:, 0]) + np.radians(3.0) * rng.standard_normal(frequency.size)
+    latitude = np.radians(3.0) * rng.standard_normal(frequency.size)
+    flat = np.stack([np.cos(longitude), np.sin(longitude)], axis=1) * np.cos(latitude)[:, None]
+    towards = np.column_stack([flat, np.sin(latitude)])
+    speed = FIXED["v_sw_km_s"] / (1 + 25 / FIXED["v_sw_km_s"] * rng.standard_normal())
+    terms = DirectionTerms(frequency, place, towards, np.full(frequency.size, 3.0))
+    return Ingredients(grid, 0.0, terms, WindPrior(speed, 25 / FIXED["v_sw_km_s"] * speed))
+
+
+def combined() -> Iterator[Row]:
+    """Arrival times alone, with directions, with a wind, and with both."""
+    fits: dict[str, Callable[[ArrivalGrid], JointFit]] = {
+        "arrival times": told_of_none,
+        "and directions": lambda grid: fit_ingredients(with_directions(grid).without("wind_prior")),
+        "and wind": lambda grid: fit_ingredients(with_directions(grid).without("wave_directions")),
+        "and both": lambda grid: fit_ingredients(with_directions(grid)),
+    }
+    for label, fit in fits.items():
+        yield from coverage(Case(label, fixed, fit=fit), BURSTS)
 
 
 def against_sampling() -> list[Row]:
@@ -228,11 +292,13 @@ def engines() -> list[Row]:
     begin = time.perf_counter()
     sampled = _sampled(grid, 4000)
     sampled_s, fitted_s = time.perf_counter() - begin, seconds(lambda: fit_joint(grid))
+    fused_s = seconds(lambda: fit_fused(with_directions(grid)))
     fit = fit_joint(grid)
     effective = fit.quality.ess if fit.quality is not None else math.nan
     return [
         ("joint fit of 40 frequencies x 3 spacecraft, 4000 draws", f"{fitted_s * 1e3:.0f} ms", "200 ms"),
         ("the same by PyMC with nutpie, compilation included, two cores", f"{sampled_s:.1f} s", ""),
+        ("arrival times, directions and wind, each left out once", f"{fused_s * 1e3:.0f} ms", ""),
         ("ratio PyMC / joint fit", f"{sampled_s / fitted_s:.0f}", ""),
         ("effective draws: joint fit; PyMC", f"{effective:.0f}; {sampled['effective'][0]:.0f}", ""),
     ]
@@ -263,6 +329,7 @@ def main() -> None:
     columns = ("bursts", "parameter", "bias", "scatter", "stated sd", "in 68 %", "in 95 %", "ess (least)", "poor_fit")
     console.print(table(f"{BURSTS} bursts as the model has them", columns, list(calibrated())))
     console.print(table(f"{WRONG_BURSTS} bursts as it does not", columns, list(misfitted())))
+    console.print(table(f"{BURSTS} bursts with more than arrival times", columns, list(combined())))
     told = ("burst", "d mean / sd", "d sd / sd", "expected by chance, each", "PyMC effective")
     console.print(
         table(f"Largest difference of six parameters from PyMC, {LONG_DRAWS} draws", told, against_sampling())

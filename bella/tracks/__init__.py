@@ -2,18 +2,28 @@
 
 from bella.tracks.burst import TrackRecipe, fit_track
 from bella.tracks.density_excess import density_excess, inferred_density_cm3
-from bella.tracks.joint import ModelEvidence, compare_models, fit_joint, track_positions
+from bella.tracks.fused import FusedFit, IngredientWeight, fit_fused, fused_json
+from bella.tracks.joint import ModelEvidence, compare_models, fit_ingredients, fit_joint, track_positions, wind_knots
+from bella.tracks.joint_directions import DirectionTerms, check_directions, direction_terms, read_directions
 from bella.tracks.joint_fit import JointFit, joint_json
+from bella.tracks.joint_ingredients import Ingredients, JointOptions
 from bella.tracks.joint_model import JointModel, JointPriors
 from bella.tracks.joint_nuts import sample_joint_nuts
+from bella.tracks.joint_observed import WindPrior
 from bella.tracks.piecewise import PiecewiseSpiral, SpiralSegment, fit_piecewise_spiral, piecewise_fit
 from bella.tracks.scattering import CorrectedSource, ScatteringModel, corrected_source, scattering_model
 from bella.tracks.two_step import SpiralLine, fit_spiral_line, track_fit
+from bella.tracks.wave_directions import wave_directions
 
 __all__ = [
     "CorrectedSource",
+    "DirectionTerms",
+    "FusedFit",
+    "IngredientWeight",
+    "Ingredients",
     "JointFit",
     "JointModel",
+    "JointOptions",
     "JointPriors",
     "ModelEvidence",
     "PiecewiseSpiral",
@@ -21,18 +31,27 @@ __all__ = [
     "SpiralLine",
     "SpiralSegment",
     "TrackRecipe",
+    "WindPrior",
+    "check_directions",
     "compare_models",
     "corrected_source",
     "density_excess",
+    "direction_terms",
+    "fit_fused",
+    "fit_ingredients",
     "fit_joint",
     "fit_piecewise_spiral",
     "fit_spiral_line",
     "fit_track",
+    "fused_json",
     "inferred_density_cm3",
     "joint_json",
     "piecewise_fit",
+    "read_directions",
     "sample_joint_nuts",
     "scattering_model",
     "track_fit",
     "track_positions",
+    "wave_directions",
+    "wind_knots",
 ]

@@ -1,7 +1,7 @@
 """The result of a joint fit: its draws, what they say about each parameter, and how far to trust them."""
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -17,6 +17,8 @@ RADIAL_PROBABILITY = 0.05
 """Of a wind above `FAST_WIND_KM_S`: the prior gives it 0.007."""
 SECOND_TRACK = 0.05
 MISFIT_PROBABILITY = 1e-4
+IMPORTANCE, NUTS = "importance", "nuts"
+"""Samplers."""
 
 
 @dataclass(frozen=True)
@@ -69,6 +71,31 @@ class Quality:
 
 
 @dataclass(frozen=True)
+class Account:
+    """What a fit took for granted, and what it did with its arrival times.
+
+    Attributes
+    ----------
+    common_sd_s : dict of str to float
+        Standard deviation of the offset that all channels of an observatory share, s, by observatory.
+    common_assumed : tuple of str
+        Observatories whose offset was not declared but assumed.
+    down_weighted : tuple of (str, float, float)
+        Observatory, frequency in MHz and weight of arrival times that were taken for bad.
+    squares : dict of str to (float, int)
+        Sum of squared residuals of each ingredient at the best track, and their number.
+    sampler : str
+        ``importance`` or ``nuts``.
+    """
+
+    common_sd_s: dict[str, float] = field(default_factory=dict)
+    common_assumed: tuple[str, ...] = ()
+    down_weighted: tuple[tuple[str, float, float], ...] = ()
+    squares: dict[str, tuple[float, int]] = field(default_factory=dict)
+    sampler: str = IMPORTANCE
+
+
+@dataclass(frozen=True)
 class JointFit:
     """Posterior of a spiral, a beam and a density law, from the arrival times of a burst.
 
@@ -86,6 +113,7 @@ class JointFit:
         None where nothing was fitted.
     flags : tuple of str
         Names of `bella.flags.TRACK_FLAGS`.
+    account : Account
     """
 
     model: JointModel
@@ -94,6 +122,7 @@ class JointFit:
     summary: dict[str, ParameterSummary]
     quality: Quality | None
     flags: tuple[str, ...]
+    account: Account = field(default_factory=Account)
 
     @property
     def parameters(self) -> JointParameters:
@@ -102,6 +131,9 @@ class JointFit:
             **{name: self.draws[name] for name in ("phi0_deg", "v_sw_km_s", "a_rsun", "b", "beam_speed_c")},
             deceleration=self.draws.get("deceleration", np.zeros(self.draws["b"].size)),
             b2=self.draws.get("b2", self.draws["b"]),
+            outer_v_sw_km_s=np.stack([self.draws[name] for name in self.model.outer_winds], axis=1)
+            if self.model.outer_winds
+            else np.empty((self.draws["b"].size, 0)),
         )
 
 
@@ -163,7 +195,9 @@ def raised(summary: dict[str, ParameterSummary], quality: Quality, fast_wind: fl
         Names of `bella.flags.TRACK_FLAGS`.
     """
     applies = {
-        "v_sw_not_constrained": summary["v_sw_km_s"].contraction > NOT_CONSTRAINED,
+        "v_sw_not_constrained": any(
+            one.contraction > NOT_CONSTRAINED for name, one in summary.items() if name.startswith("v_sw")
+        ),
         "phi0_not_constrained": summary["phi0_deg"].contraction > NOT_CONSTRAINED,
         "not_a_spiral": fast_wind > RADIAL_PROBABILITY,
         "several_tracks": quality.second_track > SECOND_TRACK,
@@ -202,7 +236,33 @@ def joint_json(fit: JointFit) -> dict[str, Any]:
         "log_evidence": quality and quality.log_evidence,
         "log_evidence_se": quality and quality.log_evidence_se,
         "misfit_p": quality and quality.misfit_p,
+        "sampler": fit.account.sampler,
+        **_taken_for_granted(fit.account),
+        **wind_segments(fit),
         "flags": list(fit.flags),
+    }
+
+
+def _taken_for_granted(account: Account) -> dict[str, Any]:
+    names = ("observatory", "frequency_mhz", "weight")
+    return {
+        "common_sd_s": account.common_sd_s,
+        "common_sd_assumed": list(account.common_assumed),
+        "down_weighted": [dict(zip(names, one, strict=True)) for one in account.down_weighted],
+    }
+
+
+def wind_segments(fit: JointFit) -> dict[str, Any]:
+    """Speed of the wind between the knots, where there are any."""
+    knots = fit.model.knots_rsun
+    if not (knots and fit.summary):
+        return {}
+    winds = ("v_sw_km_s", *fit.model.outer_winds)
+    limits = zip((1.0, *knots), (*knots, None), winds, strict=True)
+    return {
+        "segments": [
+            {"from_rsun": low, "to_rsun": high, "v_sw_km_s": vars(fit.summary[name])} for low, high, name in limits
+        ]
     }
 
 

@@ -18,12 +18,8 @@ import numpy.typing as npt
 from scipy.special import logsumexp, ndtr
 from scipy.stats import norm
 
-from bella.heliosphere import (
-    SIDEREAL_ROTATION_D,
-    beam_travel_s,
-    slowing_travel_s,
-    spiral_position_rsun,
-)
+from bella.heliosphere import SIDEREAL_ROTATION_D
+from bella.tracks.joint_wind import beam_travel_along_s, field_line_position_rsun, slowing_travel_along_s
 from bella.units import C_RSUN_S, FloatArray
 
 PIVOT_MHZ = 0.55
@@ -81,6 +77,8 @@ class JointParameters:
         Exponent d of v(r) = v(1) r^-d; `beam_speed_c` is then the speed at 1 solar radius.
     b2 : ndarray
         Exponent of distance on frequency below the break.
+    outer_v_sw_km_s : ndarray, shape (N, K)
+        Speed of the wind beyond each knot; K is 0 for one wind all the way.
     """
 
     phi0_deg: FloatArray
@@ -90,6 +88,12 @@ class JointParameters:
     beam_speed_c: FloatArray
     deceleration: FloatArray
     b2: FloatArray
+    outer_v_sw_km_s: FloatArray
+
+    @property
+    def winds_km_s(self) -> tuple[FloatArray, ...]:
+        """Speed of the wind in each segment from the Sun outwards, shape (N, 1) each."""
+        return (self.v_sw_km_s[:, None], *(wind[:, None] for wind in self.outer_v_sw_km_s.T))
 
 
 @dataclass(frozen=True)
@@ -106,6 +110,9 @@ class JointModel:
     two_slope : bool
         Below `break_mhz` the distance follows another power of the frequency.
     break_mhz : float
+    knots_rsun : tuple of float
+        Distances at which the speed of the wind changes, ascending, solar radii; beyond each 1 / v_sw is a parameter of
+        its own, with the prior of the first.
     """
 
     priors: JointPriors = JointPriors()
@@ -113,18 +120,40 @@ class JointModel:
     deceleration: bool = False
     two_slope: bool = False
     break_mhz: float = PIVOT_MHZ
+    knots_rsun: tuple[float, ...] = ()
 
     @property
     def name(self) -> str:
         """The model in words, to be stored with every fit."""
-        extra = [word for word, on in (("slowing beam", self.deceleration), ("two slopes", self.two_slope)) if on]
-        return ", ".join(["joint spiral", *extra])
+        winds = len(self.knots_rsun) + 1
+        words = {"slowing beam": self.deceleration, "two slopes": self.two_slope, f"{winds} winds": winds > 1}
+        return ", ".join(["joint spiral", *(word for word, on in words.items() if on)])
 
     @property
     def parameters(self) -> tuple[str, ...]:
         """Names of the parameters, in the order of z."""
         extra = [name for name, on in (("deceleration", self.deceleration), ("b2", self.two_slope)) if on]
-        return ("phi0_deg", "v_sw_km_s", "a_rsun", "b", "beam_speed_c", *extra)
+        return ("phi0_deg", "v_sw_km_s", "a_rsun", "b", "beam_speed_c", *extra, *self.outer_winds)
+
+    @property
+    def outer_winds(self) -> tuple[str, ...]:
+        """Names of the speeds of the wind beyond each knot."""
+        return tuple(f"v_sw_{place}_km_s" for place in range(2, len(self.knots_rsun) + 2))
+
+    def slowness(self, z: FloatArray) -> FloatArray:
+        """1 / v_sw of each segment of the wind, in units of the mean of its prior.
+
+        Parameters
+        ----------
+        z : ndarray, shape (N, P)
+
+        Returns
+        -------
+        ndarray, shape (N, K + 1)
+            Not limited: 0 or less where no wind has it.
+        """
+        first = len(self.parameters) - len(self.knots_rsun)
+        return np.asarray(1 + self.priors.slowness_sd * z[:, [1, *range(first, len(self.parameters))]])
 
     @property
     def turn(self) -> float:
@@ -145,15 +174,41 @@ class JointModel:
         """
         p = self.priors
         b = p.b + p.b_sd * z[:, 3]
+        v_sw_km_s = p.v_sw_km_s / np.maximum(self.slowness(z), p.v_sw_km_s / FASTEST_WIND_KM_S)
         return JointParameters(
             phi0_deg=p.phi0_deg + p.phi0_sd_deg * z[:, PHI0],
-            v_sw_km_s=1 / np.maximum((1 + p.slowness_sd * z[:, 1]) / p.v_sw_km_s, 1 / FASTEST_WIND_KM_S),
+            v_sw_km_s=v_sw_km_s[:, 0],
             a_rsun=p.a_rsun * np.exp(p.ln_a_sd * z[:, 2]),
             b=b,
             beam_speed_c=np.minimum(p.beam_speed_c * np.exp(p.ln_beam_sd * z[:, 4]), 1.0),
             deceleration=p.deceleration_sd * z[:, 5] if self.deceleration else np.zeros_like(b),
-            b2=p.b + p.b_sd * z[:, -1] if self.two_slope else b,
+            b2=p.b + p.b_sd * z[:, 5 + self.deceleration] if self.two_slope else b,
+            outer_v_sw_km_s=v_sw_km_s[:, 1:],
         )
+
+    def standard(self, name: str, value: FloatArray) -> FloatArray:
+        """Turn one parameter into what is standard normal under its prior.
+
+        Parameters
+        ----------
+        name : str
+            One of `parameters`.
+        value : ndarray, shape (N,)
+            In natural units.
+
+        Returns
+        -------
+        ndarray, shape (N,)
+        """
+        p = self.priors
+        if name == "v_sw_km_s" or name in self.outer_winds:
+            return np.asarray((p.v_sw_km_s / value - 1) / p.slowness_sd)
+        if name in {"a_rsun", "beam_speed_c"}:
+            centre, sd = (p.a_rsun, p.ln_a_sd) if name == "a_rsun" else (p.beam_speed_c, p.ln_beam_sd)
+            return np.asarray(np.log(value / centre) / sd)
+        linear = {"phi0_deg": (p.phi0_deg, p.phi0_sd_deg), "deceleration": (0.0, p.deceleration_sd)}
+        centre, sd = linear.get(name, (p.b, p.b_sd))
+        return np.asarray((value - centre) / sd)
 
     def range_rsun(self, parameters: JointParameters, frequency_mhz: FloatArray) -> FloatArray:
         """Distance from the Sun at which each frequency is emitted.
@@ -188,8 +243,8 @@ class JointModel:
         ndarray, shape (N, F, 3)
             HEE, solar radii.
         """
-        phi0_deg, v_sw_km_s = parameters.phi0_deg[:, None], parameters.v_sw_km_s[:, None]
-        return spiral_position_rsun(range_rsun, phi0_deg, v_sw_km_s, self.rotation_period_d)
+        phi0_deg, winds = parameters.phi0_deg[:, None], parameters.winds_km_s
+        return field_line_position_rsun(range_rsun, phi0_deg, winds, self.knots_rsun, self.rotation_period_d)
 
     def delay_s(self, z: FloatArray, frequency_mhz: FloatArray, receiver_rsun: FloatArray) -> FloatArray:
         """Time from the release of the beam to the arrival at each receiver.
@@ -216,11 +271,12 @@ class JointModel:
         return np.asarray(self._travel_s(parameters, range_rsun)[..., None] + light_s)
 
     def _travel_s(self, parameters: JointParameters, range_rsun: FloatArray) -> FloatArray:
-        speed_c, v_sw_km_s = parameters.beam_speed_c[:, None], parameters.v_sw_km_s[:, None]
+        winds, rotation_d = parameters.winds_km_s, self.rotation_period_d
+        speed_c = parameters.beam_speed_c[:, None]
         if not self.deceleration:
-            return beam_travel_s(range_rsun, speed_c, v_sw_km_s, self.rotation_period_d)
-        slowing = parameters.deceleration[:, None]
-        return slowing_travel_s(range_rsun, speed_c, slowing, v_sw_km_s, self.rotation_period_d)
+            return beam_travel_along_s(range_rsun, speed_c, winds, self.knots_rsun, rotation_d)
+        beam = speed_c, parameters.deceleration[:, None]
+        return slowing_travel_along_s(range_rsun, beam, winds, self.knots_rsun, rotation_d)
 
     def allowed(self, z: FloatArray, frequency_mhz: FloatArray) -> npt.NDArray[np.bool_]:
         """Whether the wind is one and the beam is slower than light at every frequency.
@@ -236,7 +292,7 @@ class JointModel:
         """
         p = self.priors
         ln_speed = math.log(p.beam_speed_c) + p.ln_beam_sd * z[:, 4]
-        wind = 1 + p.slowness_sd * z[:, 1] > p.v_sw_km_s / FASTEST_WIND_KM_S
+        wind = (self.slowness(z) > p.v_sw_km_s / FASTEST_WIND_KM_S).all(axis=1)
         if not self.deceleration:
             return np.asarray(wind & (ln_speed < 0))
         farthest = self.range_rsun(self.natural(z), frequency_mhz[:1])[:, 0]
@@ -278,5 +334,5 @@ class JointModel:
             z = np.random.default_rng(0).standard_normal((NORMALISATION_DRAWS, len(self.parameters)))
             return float(self.allowed(z, frequency_mhz).mean())
         p = self.priors
-        wind = ndtr((1 - p.v_sw_km_s / FASTEST_WIND_KM_S) / p.slowness_sd)
+        wind = ndtr((1 - p.v_sw_km_s / FASTEST_WIND_KM_S) / p.slowness_sd) ** (len(self.knots_rsun) + 1)
         return float(wind * ndtr(-math.log(p.beam_speed_c) / p.ln_beam_sd))

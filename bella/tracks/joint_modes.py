@@ -10,8 +10,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from bella.tracks.joint_likelihood import TimedChannels, residual_s
 from bella.tracks.joint_model import PHI0, JointModel
+from bella.tracks.joint_observed import Observed
 from bella.units import FloatArray
 
 STARTS_DEG = (-150.0, -100.0, -50.0, 0.0, 50.0, 100.0, 150.0, 180.0)
@@ -52,20 +52,20 @@ class Modes:
     misfit: float
 
 
-def find_modes(model: JointModel, channels: TimedChannels) -> Modes:
+def find_modes(model: JointModel, observed: Observed) -> Modes:
     """Climb from several longitudes and distances to the maxima of the joint posterior.
 
     Parameters
     ----------
     model : JointModel
-    channels : TimedChannels
+    observed : Observed
 
     Returns
     -------
     Modes
     """
-    z, cost = _climb(model, channels, _starts(model))
-    curvature = _slope_and_curvature(model, channels, z)[1]
+    z, cost = climb(model, observed, _starts(model))
+    curvature = _slope_and_curvature(model, observed, z)[1]
     log_evidence = -cost - 0.5 * np.linalg.slogdet(curvature)[1]
     kept = _distinct(model, z, curvature, log_evidence)
     weight = np.exp(log_evidence[kept] - log_evidence[kept[0]])
@@ -103,14 +103,26 @@ def _starts(model: JointModel) -> FloatArray:
     return starts.reshape(-1, len(model.parameters))
 
 
-def _climb(model: JointModel, channels: TimedChannels, z: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Where each start ends, (S, P), and minus the log posterior there up to a constant, (S,)."""
-    z, cost, damping = z.copy(), _cost(model, channels, z), np.full(len(z), FIRST_DAMPING)
+def climb(model: JointModel, observed: Observed, z: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Climb from each start to a maximum.
+
+    Parameters
+    ----------
+    model : JointModel
+    observed : Observed
+    z : ndarray, shape (S, P)
+
+    Returns
+    -------
+    tuple of ndarray
+        Where each start ends, shape (S, P), and minus the log posterior there up to a constant, shape (S,).
+    """
+    z, cost, damping = z.copy(), _cost(model, observed, z), np.full(len(z), FIRST_DAMPING)
     moving = np.arange(len(z))
     for _ in range(STEPS):
-        step = _step(model, channels, z[moving], damping[moving])
+        step = _step(model, observed, z[moving], damping[moving])
         trial = np.clip(z[moving] + step, -FARTHEST, FARTHEST)
-        trial_cost = _cost(model, channels, trial)
+        trial_cost = _cost(model, observed, trial)
         better = trial_cost < cost[moving]
         z[moving[better]], cost[moving[better]] = trial[better], trial_cost[better]
         damping[moving] *= np.where(better, 1 / 6, 4.0)
@@ -120,26 +132,26 @@ def _climb(model: JointModel, channels: TimedChannels, z: FloatArray) -> tuple[F
     return wrapped(model, z), cost
 
 
-def _step(model: JointModel, channels: TimedChannels, z: FloatArray, damping: FloatArray) -> FloatArray:
+def _step(model: JointModel, observed: Observed, z: FloatArray, damping: FloatArray) -> FloatArray:
     """Damped step of each start, (S, P)."""
-    slope, curvature = _slope_and_curvature(model, channels, z)
+    slope, curvature = _slope_and_curvature(model, observed, z)
     damped = curvature + damping[:, None, None] * np.eye(z.shape[1]) * np.einsum("spp->sp", curvature)[:, None]
     return np.clip(-np.linalg.solve(damped, slope[..., None])[..., 0], -LONGEST_STEP, LONGEST_STEP)
 
 
-def _cost(model: JointModel, channels: TimedChannels, z: FloatArray) -> FloatArray:
+def _cost(model: JointModel, observed: Observed, z: FloatArray) -> FloatArray:
     """Minus the log posterior up to a constant, (S,); infinite outside the limits of wind and beam."""
-    squares = channels.misfit(residual_s(model, channels, z))[0] + (z**2).sum(axis=1)
-    return np.where(model.allowed(z, channels.frequency_mhz), 0.5 * squares, np.inf)
+    squares = observed.misfit(observed.residual(model, z))[0] + (z**2).sum(axis=1)
+    return np.where(model.allowed(z, observed.frequency_mhz), 0.5 * squares, np.inf)
 
 
-def _slope_and_curvature(model: JointModel, channels: TimedChannels, z: FloatArray) -> tuple[FloatArray, FloatArray]:
+def _slope_and_curvature(model: JointModel, observed: Observed, z: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Gradient (S, P) and Gauss-Newton curvature (S, P, P) of minus the log posterior."""
     starts, number = z.shape
     beside = np.concatenate([z[:, None], z[:, None] + DIFFERENCE * np.eye(number)], axis=1)
-    residual = residual_s(model, channels, beside.reshape(-1, number)).reshape(starts, number + 1, -1)
+    residual = observed.residual(model, beside.reshape(-1, number)).reshape(starts, number + 1, -1)
     jacobian = (residual[:, 1:] - residual[:, :1]) / DIFFERENCE
-    weighed = channels.weigh(jacobian.reshape(starts, number, *channels.precision.shape)).reshape(jacobian.shape)
+    weighed = observed.weigh(jacobian)
     slope = (weighed @ residual[:, 0, :, None])[..., 0] + z
     return slope, weighed @ jacobian.transpose(0, 2, 1) + np.eye(number)
 

@@ -12,9 +12,10 @@ import numpy as np
 import numpy.typing as npt
 from scipy.special import gammaln, logsumexp
 
-from bella.tracks.joint_likelihood import TimedChannels, log_likelihood
+from bella.tracks.joint_likelihood import log_likelihood
 from bella.tracks.joint_model import JointModel
 from bella.tracks.joint_modes import Modes, wrapped
+from bella.tracks.joint_observed import Observed
 from bella.units import FloatArray
 
 FREEDOM = 8.0
@@ -80,14 +81,14 @@ class WeightedDraws:
 
 
 def sample_posterior(
-    model: JointModel, channels: TimedChannels, modes: Modes, draws: int, rng: np.random.Generator
+    model: JointModel, observed: Observed, modes: Modes, draws: int, rng: np.random.Generator
 ) -> tuple[WeightedDraws, Proposal]:
     """Draw from the joint posterior.
 
     Parameters
     ----------
     model : JointModel
-    channels : TimedChannels
+    observed : Observed
     modes : Modes
     draws : int
     rng : numpy.random.Generator
@@ -98,13 +99,13 @@ def sample_posterior(
         The draws, and what they were drawn from.
     """
     proposal = Proposal(modes.z, modes.covariance, _floored(modes.weight), np.arange(len(modes.z)))
-    latest = best = _weigh(model, channels, proposal, draws, rng)
+    latest = best = _weigh(model, observed, proposal, draws, rng)
     chosen = proposal
     for adaptation, wanted in enumerate(WANTED_SHARES):
         if best.effective_share >= wanted:
             break
         proposal = _refit(model, proposal, latest) if adaptation else _split(_refit(model, proposal, latest))
-        latest = _weigh(model, channels, proposal, draws, rng)
+        latest = _weigh(model, observed, proposal, draws, rng)
         if latest.effective_share > best.effective_share:
             best, chosen = latest, proposal
     return best, chosen
@@ -127,11 +128,11 @@ def mode_weights(model: JointModel, proposal: Proposal, draws: WeightedDraws) ->
 
 
 def _weigh(
-    model: JointModel, channels: TimedChannels, proposal: Proposal, draws: int, rng: np.random.Generator
+    model: JointModel, observed: Observed, proposal: Proposal, draws: int, rng: np.random.Generator
 ) -> WeightedDraws:
     z = wrapped(model, _drawn(proposal, draws, rng))
-    log_prior = model.log_prior(z, channels.frequency_mhz)
-    log_fit, release_s = log_likelihood(model, channels, z)
+    log_prior = model.log_prior(z, observed.frequency_mhz)
+    log_fit, release_s = log_likelihood(model, observed, z)
     log_weight = log_prior + log_fit - logsumexp(_log_components(model, proposal, z), axis=1)
     total = float(logsumexp(log_weight))
     weight = np.exp(log_weight - total)

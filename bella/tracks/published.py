@@ -10,8 +10,9 @@ import numpy as np
 import xarray as xr
 
 from bella.arrivals import ArrivalGrid
-from bella.tracks.joint import DRAWS, fit_joint
+from bella.tracks.joint import fit_joint
 from bella.tracks.joint_fit import RELEASE, JointFit, joint_json
+from bella.tracks.joint_ingredients import DRAWS
 from bella.tracks.joint_model import JointModel
 
 MOST_FREQUENCIES = 40
@@ -57,17 +58,23 @@ def joint_track(
     Returns
     -------
     joint : dict
-        Ready for JSON: as :func:`bella.tracks.joint_json` returns it, with ``frequencies`` (fitted), ``of_frequencies``
-        (there were), and ``offset_sd_s`` by observatory.
+        Ready for JSON: as :func:`bella.tracks.joint_json` returns it, with ``frequencies`` (fitted) and
+        ``of_frequencies`` (there were).
     fit : JointFit
     """
     few = thinned(grid)
     fit = fit_joint(few, JointModel(rotation_period_d=rotation_period_d), draws=max(draws, FEWEST_DRAWS), seed=seed)
     said = joint_json(fit)
     count, total = few.frequency_mhz.size, grid.frequency_mhz.size
-    offsets = dict(zip(grid.observatories, grid.offset_sd_s[0].tolist(), strict=True))
-    said["model"] += f"; {count} of {total} frequencies, timing errors of the solution, offsets of the arrival table"
-    return said | {"frequencies": count, "of_frequencies": total, "offset_sd_s": offsets}, fit
+    said["model"] += f"; {count} of {total} frequencies, timing errors of the solution, {_offsets(fit)}"
+    return said | {"frequencies": count, "of_frequencies": total}, fit
+
+
+def _offsets(fit: JointFit) -> str:
+    if not fit.account.common_assumed:
+        return "offsets of the arrival table"
+    shared = ", ".join(f"{name} {fit.account.common_sd_s[name]:.1f} s" for name in fit.account.common_assumed)
+    return f"offsets assumed of {shared}"
 
 
 def with_joint_draws(posterior: xr.Dataset, fit: JointFit) -> xr.Dataset:

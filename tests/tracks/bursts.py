@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 
 from bella.arrivals import ArrivalGrid
-from bella.tracks import JointModel
+from bella.tracks import DirectionTerms, JointModel
 from bella.tracks.joint_model import PHI0
 from bella.units import AU_RSUN, C_RSUN_S
 
@@ -35,6 +35,22 @@ def simulated(
     noise = rng.standard_normal(arrival.shape) * sigma if rng is not None else 0.0
     epoch = np.datetime64("2012-06-07T19:00", "ns")
     return ArrivalGrid(FREQUENCY_MHZ, ("A", "B", "C"), arrival + noise, sigma.copy(), receiver, epoch, "none")
+
+
+def towards_source(
+    z: np.ndarray, model: JointModel, rng: np.random.Generator, sigma_deg: float = 3.0
+) -> DirectionTerms:
+    """Wave directions at two of the spacecraft, every fourth frequency, with noise as stated."""
+    angle = np.radians(LONGITUDES_DEG[1:])
+    place = AU_RSUN * np.stack([np.cos(angle), np.sin(angle), np.zeros(2)], axis=1)
+    frequency = np.repeat(FREQUENCY_MHZ[::4], 2)
+    receiver = np.tile(place, (FREQUENCY_MHZ[::4].size, 1))
+    parameters = model.natural(z[None])
+    sight = model.position_rsun(parameters, model.range_rsun(parameters, frequency))[0] - receiver
+    east_west = np.arctan2(sight[:, 1], sight[:, 0]) + np.radians(sigma_deg) * rng.standard_normal(frequency.size)
+    north = np.radians(sigma_deg) * rng.standard_normal(frequency.size)
+    towards = np.stack([np.cos(north) * np.cos(east_west), np.cos(north) * np.sin(east_west), np.sin(north)], axis=1)
+    return DirectionTerms(frequency, receiver, towards, np.full(frequency.size, sigma_deg))
 
 
 def reversed_rows(grid: ArrivalGrid) -> ArrivalGrid:

@@ -9,7 +9,18 @@ import pytest
 
 from bella.exceptions import InputError
 from bella.flags import TRACK_FLAGS
-from bella.tracks import JointFit, JointModel, JointPriors, compare_models, fit_joint, joint_json, track_positions
+from bella.tracks import (
+    Ingredients,
+    JointFit,
+    JointModel,
+    JointOptions,
+    JointPriors,
+    compare_models,
+    fit_ingredients,
+    fit_joint,
+    joint_json,
+    track_positions,
+)
 from bella.tracks.joint_fit import beside_mean, summarise
 from tests.tracks.bursts import FREQUENCY_MHZ, RELEASE_S, retrograde, reversed_rows, simulated, standard
 
@@ -30,8 +41,8 @@ def test_a_burst_is_recovered(fit: JointFit) -> None:
         assert found.q2_5 < found.q16 < found.q50 < found.q84 < found.q97_5
     assert abs(fit.summary["release_s"].mean - RELEASE_S) < 3 * fit.summary["release_s"].sd
     assert fit.flags == ()
-    # errors of a burst of forty frequencies at the cadence of 2012
-    assert 4.0 < fit.summary["phi0_deg"].sd < 6.0
+    # errors of a burst of forty frequencies at the cadence of 2012, with the offsets that are assumed
+    assert 6.0 < fit.summary["phi0_deg"].sd < 9.0
     assert 50.0 < fit.summary["v_sw_km_s"].sd < 110.0
     assert fit.quality is not None
     assert fit.quality.ess_share > 0.5
@@ -159,6 +170,14 @@ def test_times_that_no_spiral_explains_give_no_numbers() -> None:
     assert joint_json(wrong)["v_sw_km_s"]["mean"] is None
 
 
+def test_times_that_no_spiral_explains_are_not_sampled_for_a_minute() -> None:
+    grid = simulated(PAPER_LIKE, MODEL, None)
+    hopeless = Ingredients(dataclasses.replace(grid, arrival_s=grid.arrival_s[::-1]))
+    fit = fit_ingredients(hopeless, options=JointOptions(fallback=True))
+    assert fit.account.sampler == "importance"
+    assert fit.summary == {}
+
+
 @pytest.mark.parametrize("factor", [1e-9, 1e-170])
 def test_errors_of_almost_nothing_overflow_nothing(factor: float) -> None:
     grid = simulated(PAPER_LIKE, MODEL, np.random.default_rng(1))
@@ -194,7 +213,7 @@ def test_frequencies_of_two_receivers_count() -> None:
 def test_bad_arguments_are_refused() -> None:
     grid = simulated(PAPER_LIKE, MODEL, None)
     for wrong in ({"draws": 10}, {"common_sd_s": -1.0}, {"common_sd_s": float("nan")}):
-        with pytest.raises(InputError, match="give 100 draws or more"):
+        with pytest.raises(InputError, match=r"give 100 draws or more|give 0 s or more"):
             fit_joint(grid, **wrong)  # type: ignore[arg-type]
     with pytest.raises(InputError, match="cannot be compared"):
         compare_models(grid, [])

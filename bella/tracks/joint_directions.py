@@ -1,0 +1,247 @@
+"""Wave directions as a part of the joint likelihood: the angle between them and the lines of sight to the spiral.
+
+The angle is taken in the plane that touches the sphere at the measured direction, as a length and two components, each
+of them Gaussian (for small errors the distribution of Fisher 1953, Proc. R. Soc. A 217, 295,
+doi:10.1098/rspa.1953.0064).
+"""
+
+import io
+import math
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+
+from bella.arrivals import POSITION
+from bella.exceptions import InputError
+from bella.spacecraft import position_hee
+from bella.tracks.joint_model import JointModel
+from bella.tracks.triangulation import direction
+from bella.units import FloatArray
+
+REQUIRED = ("observatory", "frequency_mhz", "sigma_deg")
+ANGLES = (("longitude_deg", "latitude_deg"), ("azimuth_deg", "colatitude_deg"))
+"""Pairs of columns, either of which says where a direction points to, HEE."""
+LIMITS = {
+    "frequency_mhz": (0.001, 1000.0),
+    "sigma_deg": (0.01, 180.0),
+    "longitude_deg": (-360.0, 360.0),
+    "azimuth_deg": (-360.0, 360.0),
+    "latitude_deg": (-90.0, 90.0),
+    "colatitude_deg": (0.0, 180.0),
+}
+LARGEST_TABLE = 100_000
+SMALL_ANGLE = 1e-9
+
+
+@dataclass(frozen=True)
+class DirectionTerms:
+    """Directions towards the source, as the likelihood needs them.
+
+    Attributes
+    ----------
+    frequency_mhz : ndarray, shape (K,)
+    receiver_rsun : ndarray, shape (K, 3)
+        HEE, solar radii.
+    towards : ndarray, shape (K, 3)
+        Unit vectors, HEE.
+    sigma_deg : ndarray, shape (K,)
+        Standard deviation in each of two perpendicular directions on the sky, the floor included, degrees.
+    """
+
+    frequency_mhz: FloatArray
+    receiver_rsun: FloatArray
+    towards: FloatArray
+    sigma_deg: FloatArray
+
+    @property
+    def sides(self) -> tuple[FloatArray, FloatArray]:
+        """Two unit vectors across each direction: along the ecliptic, and north of it, shape (K, 3) each."""
+        tangents = _tangents(self.towards)
+        return tangents[:, 0], tangents[:, 1]
+
+    @property
+    def size(self) -> int:
+        """Number of residuals, two for each direction."""
+        return 2 * self.frequency_mhz.size
+
+    @property
+    def log_norm(self) -> float:
+        """Logarithm of the factor before the exponential of the likelihood."""
+        return -float(np.log(2 * math.pi * np.radians(self.sigma_deg) ** 2).sum())
+
+    def residual(self, model: JointModel, z: FloatArray) -> FloatArray:
+        """Angles between the lines of sight and the measured directions.
+
+        Parameters
+        ----------
+        model : JointModel
+        z : ndarray, shape (N, P)
+
+        Returns
+        -------
+        ndarray, shape (N, K, 2)
+            Two perpendicular components, in units of the error.
+        """
+        parameters = model.natural(z)
+        source = model.position_rsun(parameters, model.range_rsun(parameters, self.frequency_mhz))
+        sight = source - self.receiver_rsun
+        sight /= np.linalg.norm(sight, axis=-1, keepdims=True)
+        across = np.einsum("nki,kmi->nkm", sight, _tangents(self.towards))
+        sine = np.linalg.norm(across, axis=-1)
+        angle = np.arctan2(sine, np.einsum("nki,ki->nk", sight, self.towards))
+        stretch = np.where(sine > SMALL_ANGLE, angle / np.maximum(sine, SMALL_ANGLE), 1.0)
+        return np.asarray(across * (stretch / np.radians(self.sigma_deg))[..., None])
+
+
+def _tangents(towards: FloatArray) -> FloatArray:
+    """Two unit vectors across each direction: along the ecliptic, and north of it, shape (K, 2, 3)."""
+    along = np.stack([-towards[:, 1], towards[:, 0], np.zeros(len(towards))], axis=1)
+    length = np.linalg.norm(along, axis=1, keepdims=True)
+    along = np.where(length > SMALL_ANGLE, along / np.maximum(length, SMALL_ANGLE), [1.0, 0.0, 0.0])
+    return np.stack([along, np.cross(towards, along)], axis=1)
+
+
+def read_directions(path: Path) -> pd.DataFrame:
+    """Read and check a table of wave directions from a CSV file; lines that begin with # are comments.
+
+    Parameters
+    ----------
+    path : Path
+
+    Returns
+    -------
+    pandas.DataFrame
+        As :func:`check_directions` returns it.
+
+    Raises
+    ------
+    InputError
+        If the file cannot be read, or names the row and column that is wrong.
+    """
+    try:
+        lines = path.read_text(encoding="utf-8").removeprefix("\ufeff").splitlines()
+        kept = "\n".join(line for line in lines if not line.startswith("#"))
+        frame = pd.read_csv(io.StringIO(kept), skipinitialspace=True)
+    except (OSError, UnicodeDecodeError) as error:
+        raise InputError(f"{path}: cannot be read as a text file ({error}); give the path of a CSV table") from error
+    except (pd.errors.ParserError, pd.errors.EmptyDataError, ValueError) as error:
+        reason = " ".join(str(error).split())
+        raise InputError(f"{path}: is not a CSV table ({reason}); its first line must name the columns") from error
+    return check_directions(frame, source=str(path))
+
+
+def check_directions(frame: pd.DataFrame, *, source: str = "directions") -> pd.DataFrame:
+    """Check a table of wave directions.
+
+    Parameters
+    ----------
+    frame : pandas.DataFrame
+        Columns ``observatory, frequency_mhz, sigma_deg``, the direction towards the source in HEE as ``longitude_deg,
+        latitude_deg`` or as ``azimuth_deg, colatitude_deg``, and for observatories that neither the arrival table nor
+        the ephemeris places ``x_rsun, y_rsun, z_rsun``.
+    source : str
+        What the table is called in error messages.
+
+    Returns
+    -------
+    pandas.DataFrame
+        ``observatory, frequency_mhz, longitude_deg, latitude_deg, sigma_deg, x_rsun, y_rsun, z_rsun``; the positions
+        are NaN where the table has none.
+
+    Raises
+    ------
+    InputError
+        Names the row and column that is wrong.
+    """
+    angles = next((pair for pair in ANGLES if set(pair) <= set(frame.columns)), None)
+    missing = [name for name in REQUIRED if name not in frame.columns]
+    if missing or angles is None:
+        what = missing[0] if missing else "longitude_deg"
+        raise InputError(f"{source}: column {what} is missing; needed are {', '.join((*REQUIRED, *ANGLES[0]))}")
+    if not 0 < len(frame) <= LARGEST_TABLE:
+        raise InputError(f"{source}: has {len(frame)} rows; give between 1 and {LARGEST_TABLE}")
+    first, second = (_number(frame, name, source) for name in angles)
+    return pd.DataFrame(
+        {
+            "observatory": frame["observatory"].astype(str).str.strip().to_numpy(),
+            "frequency_mhz": _number(frame, "frequency_mhz", source),
+            "longitude_deg": first,
+            "latitude_deg": second if angles == ANGLES[0] else 90 - second,
+            "sigma_deg": _number(frame, "sigma_deg", source),
+            **{name: _coordinate(frame, name) for name in POSITION},
+        }
+    )
+
+
+def direction_terms(
+    table: pd.DataFrame, arrivals: pd.DataFrame, epoch: np.datetime64, floor_deg: float = 0.0
+) -> DirectionTerms:
+    """Directions as the likelihood needs them, each from where its spacecraft was.
+
+    Parameters
+    ----------
+    table : pandas.DataFrame
+        As :func:`check_directions` returns it.
+    arrivals : pandas.DataFrame
+        As :func:`bella.arrivals.locate_receivers` returns it: where it places the observatory, that position is taken.
+    epoch : numpy.datetime64
+        Of the HEE axes.
+    floor_deg : float
+        Error that all directions have beside their own, added in quadrature, degrees.
+
+    Returns
+    -------
+    DirectionTerms
+
+    Raises
+    ------
+    InputError
+        If an observatory cannot be placed, or the floor is not an angle.
+    NoDataError
+        If the time is outside the ephemeris.
+    """
+    if not 0 <= floor_deg <= LIMITS["sigma_deg"][1]:
+        raise InputError(f"floor {floor_deg} of the directions is not between 0 and 180; give degrees")
+    places = arrivals.groupby("observatory")[list(POSITION)].mean().T.to_dict("list")
+    own = table[list(POSITION)].to_numpy(dtype=np.float64)
+    receiver = [
+        row if np.isfinite(row).all() else places.get(name) or _ephemeris(str(name), epoch)
+        for name, row in zip(table["observatory"], own, strict=True)
+    ]
+    return DirectionTerms(
+        table["frequency_mhz"].to_numpy(dtype=np.float64),
+        np.array(receiver, dtype=np.float64),
+        direction(90 - table["latitude_deg"].to_numpy(), table["longitude_deg"].to_numpy()),
+        np.hypot(table["sigma_deg"].to_numpy(dtype=np.float64), floor_deg),
+    )
+
+
+def _ephemeris(observatory: str, epoch: np.datetime64) -> FloatArray:
+    try:
+        return np.asarray(position_hee(observatory, np.array([epoch]), epoch)[0], dtype=np.float64)
+    except InputError as error:
+        raise InputError(
+            f"directions: {observatory!r} is neither in the arrival table nor in the ephemeris; "
+            "add the columns x_rsun, y_rsun, z_rsun (HEE)"
+        ) from error
+
+
+def _number(frame: pd.DataFrame, column: str, source: str) -> FloatArray:
+    values = pd.to_numeric(frame[column], errors="coerce").to_numpy(dtype=np.float64)
+    low, high = LIMITS[column]
+    wrong = ~((values >= low) & (values <= high))
+    if wrong.any():
+        row = int(np.argmax(wrong))
+        raise InputError(
+            f"{source}: row {row + 1}, column {column}: {str(frame[column].iloc[row])[:80]!r} is not between "
+            f"{low:g} and {high:g}"
+        )
+    return values
+
+
+def _coordinate(frame: pd.DataFrame, name: str) -> FloatArray:
+    if name not in frame.columns:
+        return np.full(len(frame), np.nan)
+    return np.asarray(pd.to_numeric(frame[name], errors="coerce").to_numpy(dtype=np.float64))
