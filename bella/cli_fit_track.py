@@ -15,11 +15,12 @@ from bella.cli_output import steps, write_whole
 from bella.exceptions import InputError
 
 if TYPE_CHECKING:
-    from bella.tracks import JointModel
+    from bella.tracks import JointModel, WindPrior
 
 out, err = Console(), Console(stderr=True)
 
 EPILOG = "Example: bella fit-track arrivals.csv --output track.json"
+MOST_KNOTS = 2
 SHOWN = {
     "phi0_deg": ("longitude at 1 R_sun, deg", 1),
     "v_sw_km_s": ("solar wind, km/s", 0),
@@ -50,21 +51,47 @@ def fit_track(  # noqa: PLR0913, PLR0917 - one argument per option
     two_slope: Annotated[
         bool, typer.Option("--two-slope", help="Let the distance follow another power below 0.55 MHz.")
     ] = False,
-    compare: Annotated[bool, typer.Option("--compare", help="Weigh all variants of the model.")] = False,
+    directions: Annotated[
+        Path | None, typer.Option(help="Wave directions to fit as well, CSV.", show_default="none")
+    ] = None,
+    directions_floor: Annotated[float, typer.Option(help="Error all directions have beside their own, degrees.")] = 0.0,
+    wind_prior: Annotated[
+        str | None,
+        typer.Option(help="Wind speed along the track and its deviation, km/s, such as 390,25.", show_default="none"),
+    ] = None,
+    compare: Annotated[
+        bool, typer.Option("--compare", help="Weigh all variants of the model, and winds that change on the way.")
+    ] = False,
+    fallback: Annotated[
+        bool, typer.Option(help="Sample with PyMC where importance sampling finds too few draws.")
+    ] = True,
     as_json: Annotated[bool, typer.Option("--json", help="Print JSON instead of a table.")] = False,
 ) -> None:
     """Fit spiral, wind and beam of a burst to its arrival times."""
     from bella.arrivals import read_arrivals
-    from bella.tracks import TrackRecipe
+    from bella.tracks import JointOptions, TrackRecipe, read_directions
     from bella.tracks import fit_track as fit
 
     _check_output(output)
     model = _model(phi0_prior, rotation, slowing_beam, two_slope)
     if common_sigma is not None and not 0 <= common_sigma < math.inf:
         raise InputError(f"--common-sigma {common_sigma} is not 0 or more; give seconds")
+    wind = _wind(wind_prior)
+    if not 0 <= directions_floor <= 180:
+        raise InputError(f"--directions-floor {directions_floor:g} is not between 0 and 180; give degrees")
     know_updates()
     table = read_arrivals(arrivals)
-    recipe = TrackRecipe(model, preset, common_sigma, _variants(model) if compare else ())
+    recipe = TrackRecipe(
+        model,
+        preset,
+        common_sigma,
+        others=_variants(model) if compare else (),
+        most_knots=MOST_KNOTS if compare else 0,
+        directions=read_directions(directions) if directions else None,
+        floor_deg=directions_floor,
+        wind=wind,
+        options=JointOptions(fallback=fallback),
+    )
     with steps("positions", table["frequency_mhz"].nunique()) as advance:
         track = fit(table, recipe, advance)
     text = json.dumps(track, indent=2, allow_nan=False) + "\n"
@@ -91,6 +118,18 @@ def _model(phi0_prior: str, rotation: float, slowing_beam: bool, two_slope: bool
     centre, sd = _centre_and_sd(phi0_prior)
     priors = JointPriors(phi0_deg=centre, phi0_sd_deg=sd)
     return JointModel(priors, rotation, deceleration=slowing_beam, two_slope=two_slope)
+
+
+def _wind(text: str | None) -> "WindPrior | None":
+    from bella.tracks import WindPrior
+
+    if text is None:
+        return None
+    try:
+        speed, sd = (float(part) for part in text.split(","))
+    except ValueError as error:
+        raise InputError(f"--wind-prior {text}: not two numbers; write 390,25") from error
+    return WindPrior(speed, sd)
 
 
 def _centre_and_sd(text: str) -> tuple[float, float]:
@@ -123,8 +162,37 @@ def _print_fit(track: dict[str, Any]) -> None:
     out.print(table)
     for which, flags in (("joint", joint["flags"]), ("two-step", line["flags"])):
         out.print(f"Flags  {which}: {', '.join(flags) or 'none'}", soft_wrap=True, highlight=False)
+    _print_account(joint)
     for one in track.get("models", []):
-        out.print(f"Model  {one['model']}: probability {one['probability']:.3f}", soft_wrap=True, highlight=False)
+        winds = ", ".join(f"{part['v_sw_km_s']['mean']:.0f}" for part in one.get("segments", []))
+        speeds = f" ({winds} km/s)" if winds else ""
+        line_of_model = f"Model  {one['model']}{speeds}: probability {one['probability']:.3f}"
+        out.print(line_of_model, soft_wrap=True, highlight=False)
+
+
+def _print_account(joint: dict[str, Any]) -> None:
+    """What was assumed, weighted down, sampled otherwise, and what each ingredient adds."""
+    shared = joint["common_sd_s"]
+    lines = [
+        f"Assume an offset of {shared[name]:.1f} s shared by all channels of {name}"
+        for name in joint["common_sd_assumed"]
+    ]
+    lines += [
+        f"Bad    {one['observatory']} at {one['frequency_mhz']:.3g} MHz: weight {one['weight']:.3f}"
+        for one in joint["down_weighted"]
+    ]
+    lines += ["Sample with PyMC, as too few draws of importance sampling count"] if joint["sampler"] == "nuts" else []
+    lines += [_ingredient_line(one) for one in joint["ingredients"]]
+    for line in lines:
+        out.print(line, soft_wrap=True, highlight=False)
+
+
+def _ingredient_line(one: dict[str, Any]) -> str:
+    begin = f"With   {one['name']}: chi2 {one['chi2']:.0f} of {one['number']}"
+    if not one["sd_ratio"]:
+        return f"{begin}; the others alone give no track; tension {one['tension']:.1f}"
+    widths = ", ".join(f"{name} {one['sd_ratio'][name]:.2f}" for name in ("phi0_deg", "v_sw_km_s"))
+    return f"{begin}; errors over those without it: {widths}; tension {one['tension']:.1f}"
 
 
 def _cells(parameter: dict[str, float | None], decimals: int) -> tuple[str, str, str]:

@@ -70,7 +70,9 @@ def test_json_is_what_the_file_holds(table: Path, tmp_path: Path) -> None:
 
 
 def test_prior_of_the_longitude_and_offsets_are_options(table: Path, tmp_path: Path) -> None:
-    for name, options in {"plain": (), "far": ("--phi0-prior", "-60,30"), "offset": ("--common-sigma", "60")}.items():
+    none = ("--common-sigma", "0")
+    cases = {"plain": none, "far": (*none, "--phi0-prior", "-60,30"), "offset": ("--common-sigma", "60")}
+    for name, options in cases.items():
         assert fit_track(table, "--output", tmp_path / name, *options).exit_code == 0
     plain, far, offset = (read(tmp_path / name)["joint"]["phi0_deg"] for name in ("plain", "far", "offset"))
     assert far["contraction"] > 1.5 * plain["contraction"]
@@ -82,9 +84,37 @@ def test_variants_are_weighed(table: Path, tmp_path: Path) -> None:
     track = read(tmp_path / "track.json")
     assert track["joint"]["model"] == "joint spiral, two slopes"
     assert "b2" in track["joint"]
-    assert len({one["model"] for one in track["models"]}) == 4
+    assert len({one["model"] for one in track["models"]}) == 12
+    assert {len(one.get("segments", [0])) for one in track["models"]} == {1, 2, 3}
     assert sum(one["probability"] for one in track["models"]) == pytest.approx(1.0)
-    assert result.output.count("probability") == 4
+    assert result.output.count("probability") == 12
+
+
+def test_directions_and_a_known_wind_are_fitted_as_well(table: Path, tmp_path: Path) -> None:
+    """The published track, 30 degrees and 400 km/s, seen from STEREO-A at two frequencies, 20 degrees beside it."""
+    angles = tmp_path / "directions.csv"
+    angles.write_text(
+        "# HEE\nobservatory,frequency_mhz,azimuth_deg,colatitude_deg,sigma_deg\n"
+        "STEREO-A,0.3,-63,90,3\nSTEREO-A,0.5,-63,90,3\n"
+    )
+    options = ("--directions", angles, "--wind-prior", "390,25", "--directions-floor", "4", "--no-fallback")
+    result = fit_track(table, "--output", tmp_path / "track.json", "--preset", "bella-2024", *options)
+    assert result.exit_code == 0, result.output
+    joint = read(tmp_path / "track.json")["joint"]
+    assert [one["name"] for one in joint["ingredients"]] == ["arrival_times", "wave_directions", "wind_prior"]
+    assert joint["ingredients"][2]["sd_ratio"]["v_sw_km_s"] < 0.9
+    assert result.output.count("tension") == 3
+    assert joint["sampler"] == "importance"
+
+
+def test_offsets_that_no_table_declares_are_assumed_and_said(table: Path, tmp_path: Path) -> None:
+    result = fit_track(table, "--output", tmp_path / "track.json")
+    joint = read(tmp_path / "track.json")["joint"]
+    assert sorted(joint["common_sd_assumed"]) == sorted(joint["common_sd_s"]) == ["STEREO-A", "STEREO-B", "WIND"]
+    assert min(joint["common_sd_s"].values()) >= 2.0
+    assert "Assume an offset" in result.output
+    fit_track(table, "--output", tmp_path / "track.json", "--common-sigma", "0")
+    assert read(tmp_path / "track.json")["joint"]["common_sd_assumed"] == []
 
 
 def test_a_table_of_three_frequencies_has_no_joint_fit(table: Path, tmp_path: Path) -> None:
@@ -119,6 +149,10 @@ def test_frequencies_that_no_three_share_have_a_joint_fit_only(table: Path, tmp_
         (("--phi0-prior", "nan,60"), "a centre within 360"),
         (("--common-sigma", "-1"), "give seconds"),
         (("--rotation", "0"), "25.38"),
+        (("--wind-prior", "400"), "write 390,25"),
+        (("--wind-prior", "40,5"), "between 100 and 3000"),
+        (("--directions", "none.csv"), "cannot be read"),
+        (("--directions-floor", "-1"), "give degrees"),
         (("--preset", "none-such"), "choose one of"),
     ],
 )
