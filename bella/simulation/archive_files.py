@@ -58,8 +58,8 @@ class Sweeps(NamedTuple):
 class Beside(NamedTuple):
     """What STEREO's files at native cadence hold beside the flux."""
 
-    angles: npt.NDArray[Any] | None = None
-    """Colatitude and azimuth of the wave in every frame, degrees, shape (records, channels)."""
+    angles: Mapping[str, npt.NDArray[Any]] = {}
+    """Those of `WAVE_ANGLES` that are known, degrees, shape (records, channels)."""
     position_km: FloatArray | None = None
     """Where the spacecraft was, HEE, km, shape (records, 3)."""
 
@@ -268,18 +268,19 @@ def write_stereo_l3(
     flux : numpy.ndarray
         W/m^2/Hz with the background taken away, shape (N, C).
     beside : Beside
-        Without wave angles they are fill, as in the LFR files of most of the mission; without positions there are none.
+        Wave angles that it does not have are fill, as in the LFR files of most of the mission; without positions there
+        are none.
 
     Returns
     -------
     pathlib.Path
     """
-    stored = filled(np.full(flux.shape, np.nan) if beside.angles is None else beside.angles)
+    unknown = np.full(flux.shape, np.nan)
     variables: list[Variable] = [
         ("Epoch", TT2000, tt2000(utc), True, {}),
         ("FREQUENCY", REAL4, frequency_hz.astype(np.float32), False, {"UNITS": "Hz"}),
         ("PSD_FLUX", REAL4, filled(flux), True, {"UNITS": "W/m^2/Hz"}),
-        *((name, REAL4, stored, True, {"UNITS": "degrees"}) for name in WAVE_ANGLES),
+        *((name, REAL4, filled(beside.angles.get(name, unknown)), True, {"UNITS": "degrees"}) for name in WAVE_ANGLES),
         *_positions("SC_POS_HEE", beside.position_km),
     ]
     return write_cdf(path, path.stem, variables)

@@ -29,6 +29,8 @@ from bella.units import R_SUN_KM, FloatArray
 
 SIDES = {"STEREO-A": "ahead", "STEREO-B": "behind"}
 MINUTE = np.timedelta64(60, "s")
+HEE_ANGLES = {f"wave_{angle}_hee_deg": f"WAVE_{angle}_HEE".upper() for angle in ("colatitude", "azimuth")}
+"""Names in the files by those in a dynamic spectrum."""
 
 
 def write_spectra(spectra: Sequence[xr.Dataset], dataset: str, day: date, root: Path) -> Path:
@@ -116,7 +118,8 @@ def _level2(path: Path, spectra: Sequence[xr.Dataset]) -> Path:
 def _stereo_l3(path: Path, spectra: Sequence[xr.Dataset]) -> Path:
     (spectrum,) = spectra
     utc = spectrum["time"].to_numpy()
-    beside = Beside(position_km=_position_km(spectrum, utc, "hee"))
+    known = {name: spectrum[channel].to_numpy() for channel, name in HEE_ANGLES.items() if channel in spectrum}
+    beside = Beside(known, _position_km(spectrum, utc, "hee"))
     return write_stereo_l3(path, utc, _hertz(spectrum), spectrum["intensity"].to_numpy(), beside)
 
 

@@ -11,6 +11,7 @@ from bella.simulation.instruments import Instrument
 from bella.simulation.nuisances import add_nuisance
 from bella.simulation.receiver import Receiver, received_power
 from bella.simulation.sky import Conditions, Sky
+from bella.simulation.wave_angles import wave_angles
 from bella.spectra.assembly import Origin, assemble
 from bella.units import DAY_S, FloatArray
 
@@ -45,24 +46,29 @@ def observe_day(instrument: Instrument, skies: Sequence[Sky], day: date, rng: np
     middle_s = (np.arange(DAY_S // receiver.cadence_s) + 0.5) * receiver.cadence_s - instrument.lead_s
     conditions = _conditions(skies, day, receiver.observatory)
     middle_s = _without_gaps(middle_s, conditions)
-    power = received_power(receiver, _audible(skies, midnight), midnight, middle_s)
+    bursts, storm = _audible(skies, midnight)
+    power = received_power(receiver, [*bursts, *storm], midnight, middle_s)
     for nuisance in conditions.nuisances:
         add_nuisance(power, nuisance, middle_s, receiver.frequency_mhz)
     power += 1.0
     power *= conditions.gain.factor(middle_s)[:, None]
     power *= 1.0 + receiver.noise * rng.standard_normal(power.shape)
     time = midnight + np.rint(middle_s * 1e9).astype("timedelta64[ns]")
-    return _recorded(instrument, time, power)
+    angles = wave_angles(receiver, bursts, midnight, middle_s, rng) if instrument.finds_directions else {}
+    return _recorded(instrument, time, power, angles)
 
 
 def _conditions(skies: Sequence[Sky], day: date, observatory: str) -> Conditions:
     return next((sky.conditions.get(observatory, Conditions()) for sky in skies if sky.day == day), Conditions())
 
 
-def _audible(skies: Sequence[Sky], midnight: np.datetime64) -> list[SimulatedBurst]:
+def _audible(skies: Sequence[Sky], midnight: np.datetime64) -> tuple[list[SimulatedBurst], list[SimulatedBurst]]:
+    """Bursts, and those of noise storms, that may be heard on the day."""
     begin = midnight - np.timedelta64(int(BURST_LASTS_S), "s")
     end = midnight + np.timedelta64(int(DAY_S), "s")
-    return [burst for sky in skies for burst in (*sky.bursts, *sky.storm) if begin <= burst.release_utc <= end]
+    both = [burst for sky in skies for burst in sky.bursts], [burst for sky in skies for burst in sky.storm]
+    bursts, storm = ([burst for burst in part if begin <= burst.release_utc <= end] for part in both)
+    return bursts, storm
 
 
 def _without_gaps(middle_s: FloatArray, conditions: Conditions) -> FloatArray:
@@ -72,10 +78,10 @@ def _without_gaps(middle_s: FloatArray, conditions: Conditions) -> FloatArray:
     return middle_s[kept]
 
 
-def _recorded(instrument: Instrument, time: np.ndarray, power: FloatArray) -> xr.Dataset:
+def _recorded(instrument: Instrument, time: np.ndarray, power: FloatArray, angles: dict[str, FloatArray]) -> xr.Dataset:
     receiver = instrument.receiver
     intensity = _in_quantity(instrument, power)
-    extra: dict[str, np.ndarray] = {}
+    extra: dict[str, np.ndarray] = {name: angle.astype(np.float32) for name, angle in angles.items()}
     if not instrument.measured.all():
         extra["interpolated"] = ~instrument.measured
         intensity = _interpolated(intensity, receiver, instrument.measured)

@@ -1,6 +1,6 @@
 """The receivers behind the data sets of the archive that can be written: channels, cadence, background, noise."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from datetime import date
 
 import numpy as np
@@ -75,6 +75,8 @@ class Instrument:
         False for channels that the data set interpolates between others.
     lead_s : float
         How long before midnight its first record begins, s.
+    finds_directions : bool
+        The data set tells where the waves came from.
     """
 
     dataset: str
@@ -83,6 +85,7 @@ class Instrument:
     background: FloatArray
     measured: npt.NDArray[np.bool_]
     lead_s: float = 0.0
+    finds_directions: bool = False
 
 
 def instruments(dataset: str, day: date) -> tuple[Instrument, ...]:
@@ -181,7 +184,8 @@ def _stereo_l3(dataset: str) -> Instrument:
     name = dataset[-3:]
     channels = np.geomspace(2.61e-3, 153.4e-3, 48) if name == "LFR" else np.arange(0.125, 16.0251, 0.05)
     receiver = _at_once(observatory, name, channels, 38.05, 1.0)
-    return _whole(dataset, receiver, "flux_w_m2_hz", _quiet_w_m2_hz(channels))
+    whole = _whole(dataset, receiver, "flux_w_m2_hz", _quiet_w_m2_hz(channels))
+    return replace(whole, finds_directions=name == "HFR")  # the LFR does so from December 2012 on only
 
 
 def _psp(dataset: str, day: date) -> Instrument:

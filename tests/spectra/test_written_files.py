@@ -175,13 +175,15 @@ def test_stereo_l3_reads_the_unit_of_frequency(tmp_path: Path, name: str, observ
     angles = np.broadcast_to(np.linspace(0, 90, 319), flux.shape)
     path = tmp_path / f"{name}_20200711_v01.cdf"
 
-    spectrum = only(archive_files.write_stereo_l3(path, utc, frequency_hz, flux, archive_files.Beside(angles)))
+    beside = archive_files.Beside({"WAVE_AZIMUTH_HEE": angles})
+    spectrum = only(archive_files.write_stereo_l3(path, utc, frequency_hz, flux, beside))
 
     assert (spectrum.attrs["observatory"], spectrum.attrs["receiver"]) == (observatory, receiver)
     np.testing.assert_array_equal(spectrum["intensity"], flux)
     np.testing.assert_allclose(spectrum["frequency"], frequency_hz * 1e-6, rtol=1e-6)
     np.testing.assert_array_equal(spectrum["time"], utc)
     np.testing.assert_allclose(spectrum["wave_azimuth_hee_deg"][0], np.linspace(0, 90, 319), rtol=1e-6)
+    assert np.isnan(spectrum["wave_colatitude_hee_deg"]).all()
 
 
 @pytest.mark.parametrize("name", ["swaves_average_20120607_a_lfr.dat", "stereo-a_swaves_lfr_average_20120607_v01.txt"])
