@@ -24,8 +24,12 @@ FRAMES = ("hee", "rtn")
 NEAR_PEAK = 0.5
 """Samples in one piece with the peak, and of more than this share of its flux, count."""
 MIN_SAMPLES = 3
-LEAST_CONTRAST, QUIET = 2.0, 0.1
-"""Peak over the lowest tenth of the window: below it, a channel has no burst to tell the direction of."""
+QUIET, NOISE = 0.25, 0.05
+LEAST_RISE = 8.0
+"""How far a peak rises over the lowest quarter of the samples, in units of what lies between that and the lowest
+twentieth (a standard deviation of Gaussian noise): else the channel has no burst to tell the direction of."""
+LARGEST_SCATTER_DEG = 20.0
+"""Directions that scatter by more are those of no burst: from everywhere, they would by some 50 degrees."""
 LEAST_SIGMA_DEG = 0.1
 
 
@@ -45,8 +49,8 @@ def wave_directions(spectrum: xr.Dataset, window: tuple[np.datetime64, np.dateti
     -------
     pandas.DataFrame
         ``observatory, frequency_mhz, longitude_deg, latitude_deg, sigma_deg, samples``, HEE, towards the source, one
-        row per channel with a peak and three samples or more near it; ``sigma_deg`` is the scatter of the samples in
-        one of two perpendicular directions. The attribute ``turned`` says whether the angles were those of the wave
+        row per channel with three samples or more near its peak that agree; ``sigma_deg`` is their scatter in one of
+        two perpendicular directions. The attribute ``turned`` says whether the angles were those of the wave
         vector.
 
     Raises
@@ -107,11 +111,11 @@ def _table(
 
 def _mean_direction(flux: FloatArray, towards: FloatArray) -> tuple[FloatArray, float, int] | None:
     """Unit vector, scatter in degrees, and number of samples; None where there are too few."""
-    usable = np.isfinite(flux) & np.isfinite(towards).all(axis=1) & (flux > 0)
-    flux, towards = flux[usable], towards[usable]  # channels that a sweep visits once have holes elsewhere
-    if not flux.size or flux.max() < LEAST_CONTRAST * np.quantile(flux, QUIET):
+    known = np.isfinite(flux) & np.isfinite(towards).all(axis=1)
+    flux, towards = flux[known], towards[known]  # channels that a sweep visits once have holes elsewhere
+    if not flux.size or not _rises(flux):
         return None
-    taken = _near_peak(flux)
+    taken = _near_peak(flux) & (flux > 0)
     if taken.sum() < MIN_SAMPLES:
         return None
     weight = flux[taken] / flux[taken].sum()
@@ -120,7 +124,14 @@ def _mean_direction(flux: FloatArray, towards: FloatArray) -> tuple[FloatArray, 
     angle = np.degrees(np.arctan2(np.linalg.norm(np.cross(towards[taken], mean), axis=1), towards[taken] @ mean))
     # two perpendicular components share the angle, and one direction was taken from the same samples
     scatter = np.sqrt(weight @ angle**2 / 2 / max(1 - float((weight**2).sum()), 1e-3))
+    if scatter > LARGEST_SCATTER_DEG:
+        return None
     return mean, max(float(scatter), LEAST_SIGMA_DEG), int(taken.sum())
+
+
+def _rises(flux: FloatArray) -> bool:
+    quiet, lowest = np.quantile(flux, [QUIET, NOISE])
+    return bool(flux.max() - quiet > LEAST_RISE * (quiet - lowest))
 
 
 def _near_peak(flux: FloatArray) -> npt.NDArray[np.bool_]:
