@@ -1,6 +1,8 @@
 """What every test shares: where the reference files are, and no network but the loopback."""
 
+import atexit
 import os
+import shutil
 import socket
 import tempfile
 from collections.abc import Iterator
@@ -14,7 +16,9 @@ hypothesis.settings.register_profile("repeatable", derandomize=True, deadline=No
 hypothesis.settings.load_profile("repeatable")
 pytest_plugins = ["tests.fixtures_postgres"]
 
-os.environ.setdefault("PREFECT_HOME", tempfile.mkdtemp(prefix="bella-prefect-"))
+if "PREFECT_HOME" not in os.environ:
+    os.environ["PREFECT_HOME"] = tempfile.mkdtemp(prefix="bella-prefect-")
+    atexit.register(shutil.rmtree, os.environ["PREFECT_HOME"], ignore_errors=True)
 REFERENCE_FILES = Path(os.environ.get("BELLA_REFERENCE_FILES", Path(__file__).parents[2] / "shared" / "data"))
 
 
