@@ -173,11 +173,12 @@ def _columns(name: str, truths: list[Truth], fits: list[JointFit]) -> Iterator[s
     yield f"{np.median(median - truth):+.1f}"
     yield f"{1.4826 * np.median(np.abs(median - truth - np.median(median - truth))):.1f}"
     yield f"{np.median(sd):.1f}"
-    yield _share((low < truth) & (truth < high))
-    yield _share((lowest < truth) & (truth < highest))
+    yield share_inside((low < truth) & (truth < high))
+    yield share_inside((lowest < truth) & (truth < highest))
 
 
-def _share(inside: np.ndarray) -> str:
+def share_inside(inside: np.ndarray) -> str:
+    """Share of bursts whose interval holds the truth, with its own 95 per cent interval."""
     exact = binomtest(int(inside.sum()), inside.size).proportion_ci(0.95, "exact")
     return f"{inside.mean():.3f} [{exact.low:.2f}, {exact.high:.2f}]"
 
