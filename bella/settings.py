@@ -11,6 +11,9 @@ from pydantic_settings import BaseSettings, SettingsConfigDict
 FIT_FIGURES = ("polar-fit", "density")
 """Names of the figures that every solution has of its track."""
 
+WIND_FIGURE = "wind"
+"""Name of the one that a solution has where the wind was measured."""
+
 
 class Settings(BaseSettings):
     """Where things are kept and how much the service takes on."""
@@ -60,6 +63,16 @@ class Settings(BaseSettings):
         default=30.0, description="Silence of the archive after which a request counts as failed, s."
     )
 
+    in_situ: Path | None = Field(
+        default=None,
+        description="Folder of hourly solar wind speeds measured in situ. Without it the wind of a burst is not given.",
+    )
+    regions: Path | None = Field(
+        default=None,
+        description="Folder of NOAA's Solar Region Summaries and of tables of coronal holes. Without it no source "
+        "regions are given.",
+    )
+
     @property
     def catalogue_url(self) -> str:
         """SQLAlchemy URL of the catalogue."""
@@ -76,7 +89,7 @@ class Settings(BaseSettings):
         return self.home / "figures"
 
     def fit_figure(self, burst_id: str, solution_id: str, name: str) -> Path:
-        """File of one of `FIT_FIGURES`, which like its solution never changes."""
+        """File of one of `FIT_FIGURES`, or of `WIND_FIGURE`, which like its solution never changes."""
         series = solution_id.removeprefix(f"{burst_id}.")
         return self.figures_root / burst_id / f"{name}-{series}.png"
 

@@ -30,11 +30,12 @@ from bella.plotting import (
     write_polar_fit_png,
     write_spectra_png,
 )
-from bella.settings import FIT_FIGURES, Settings
+from bella.settings import FIT_FIGURES, WIND_FIGURE, Settings
 from bella.store import open_group, sweep
 from flows.inputs import BurstInput, load_burst
 from flows.progress import counter
 from flows.publication import Draft, inputs_hash, publish, store_spectra
+from flows.solar_wind import Surroundings, draw_wind, has_wind, surroundings_of
 from flows.tracks import fitted_track
 
 log = structlog.get_logger(__name__)
@@ -111,10 +112,10 @@ def solve(arrivals: pd.DataFrame, burst_id: str, series: Series, settings: Setti
 
 @coarse("fit")
 def fit(
-    posterior: xr.Dataset, arrivals: pd.DataFrame, series: Series, settings: Settings
+    posterior: xr.Dataset, arrivals: pd.DataFrame, series: Series, settings: Settings, around: Surroundings
 ) -> tuple[dict[str, Any], xr.Dataset]:
     """Fit the spiral of the field line to the track, by every method."""
-    return fitted_track(posterior, arrivals, series, settings)
+    return fitted_track(posterior, arrivals, series, settings, around)
 
 
 @coarse("publish")
@@ -125,8 +126,8 @@ def record(draft: Draft, settings: Settings) -> Solution:
 
 
 @coarse("figures")
-def draw(given: BurstInput, outcomes: list[Outcome], settings: Settings) -> None:
-    """Draw the constellation, the fits of each solution and, where there are any, the spectra of a burst."""
+def draw(given: BurstInput, outcomes: list[Outcome], settings: Settings, around: Surroundings) -> None:
+    """Draw the constellation, the fits of each solution and, where there are any, its wind and the spectra."""
     constellation, *others = figure_paths(given, outcomes, settings)
     views = [
         TrackView(
@@ -143,7 +144,9 @@ def draw(given: BurstInput, outcomes: list[Outcome], settings: Settings) -> None
         polar_fit, density = fit_figures(outcome.solution, settings)
         write_polar_fit_png(polar_fit, view.posterior, view.track_fit | view.track_fit.get("companions", {}))
         write_density_png(density, view.posterior)
-        advance(2)
+        if has_wind(view.track_fit):
+            draw_wind(wind_figure(outcome.solution, settings), view.posterior, view.track_fit, around)
+        advance(2 + has_wind(view.track_fit))
     if given.spectra is not None:
         named = {edge_name(edge): table for edge, table in given.channel_edges.items()}
         write_spectra_png(others[-1], given.spectra, named)
@@ -155,12 +158,18 @@ def figure_paths(given: BurstInput, outcomes: list[Outcome], settings: Settings)
     series, folder = outcomes[0].solution.series, settings.figures_root / given.burst.burst_id
     constellation = folder / f"constellation-{series.method}-{series.preset}.png"
     fits = [path for outcome in outcomes for path in fit_figures(outcome.solution, settings)]
+    fits += [wind_figure(one.solution, settings) for one in outcomes if has_wind(one.track)]
     return [constellation, *fits, *([folder / "spectra.png"] if given.spectra is not None else [])]
 
 
 def fit_figures(solution: Solution, settings: Settings) -> list[Path]:
     """Files of the figures of one solution, in the order of their names in `Settings`."""
     return [settings.fit_figure(solution.burst_id, solution.solution_id, name) for name in FIT_FIGURES]
+
+
+def wind_figure(solution: Solution, settings: Settings) -> Path:
+    """File of the map of the wind of one solution, which is drawn where the wind was measured."""
+    return settings.fit_figure(solution.burst_id, solution.solution_id, WIND_FIGURE)
 
 
 def is_drawn(figure: Path, outcomes: list[Outcome]) -> bool:
@@ -230,19 +239,23 @@ def localise_given(
         What went wrong, in one line.
     """
     spectra_path = store_spectra(given.spectra, given.burst, catalogue, settings)
-    given = replace(given, burst=replace(given.burst, spectra_path=spectra_path))
+    around = surroundings_of(given.burst.start_utc, settings)
+    burst = replace(given.burst, spectra_path=spectra_path)
+    given = replace(given, burst=burst, sources=(*given.sources, *around.sources()))
     outcomes = []
     for edge in given.arrivals:
         lease.renew(settings.lease_s)
         series = Series(edge, choice.method, choice.preset, choice.dimensions)
-        outcomes.append(_outcome(given, series, catalogue, settings))
+        outcomes.append(_outcome(given, series, catalogue, settings, around))
     if not all(is_drawn(figure, outcomes) for figure in figure_paths(given, outcomes, settings)):
-        draw(given, outcomes, settings)
+        draw(given, outcomes, settings, around)
     create_table_artifact(key=given.burst.burst_id.lower(), table=[summary_row(one) for one in outcomes])
     return outcomes
 
 
-def _outcome(given: BurstInput, series: Series, catalogue: Catalogue, settings: Settings) -> Outcome:
+def _outcome(
+    given: BurstInput, series: Series, catalogue: Catalogue, settings: Settings, around: Surroundings
+) -> Outcome:
     """Solution of one series: the one that is there if its inputs are the same, else a new version."""
     arrivals = place(given.arrivals[series.edge])
     checksum = inputs_hash(arrivals, given.sources, series, settings)
@@ -251,7 +264,7 @@ def _outcome(given: BurstInput, series: Series, catalogue: Catalogue, settings: 
     if same is not None:
         bound.info("nothing new", solution_id=same.solution_id)
         return Outcome(same, new=False, track=catalogue.track_fit(same.solution_id))
-    track, posterior = fit(solve(arrivals, given.burst.burst_id, series, settings), arrivals, series, settings)
+    track, posterior = fit(solve(arrivals, given.burst.burst_id, series, settings), arrivals, series, settings, around)
     if given.published_track:
         track["published"] = dict(given.published_track)
     solution = record(Draft(given.burst, series, checksum, posterior, track, given.sources), settings)

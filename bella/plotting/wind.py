@@ -32,12 +32,15 @@ class WindScene:
     field_line : FieldLine or None
     receiver_rsun : mapping of str to ndarray, shape (3,)
         Spacecraft, solar radii.
+    spiral_rsun : ndarray, shape (N, 3)
+        Spiral that was fitted to the sources, solar radii; empty for none.
     """
 
     utc: np.datetime64
     source_rsun: FloatArray = field(default_factory=lambda: np.empty((0, 3)))
     field_line: FieldLine | None = None
     receiver_rsun: Mapping[str, FloatArray] = field(default_factory=dict)
+    spiral_rsun: FloatArray = field(default_factory=lambda: np.empty((0, 3)))
 
 
 def write_wind_map_png(path: Path, wind: SteadyWind, scene: WindScene) -> None:
@@ -100,6 +103,9 @@ def _draw_track(axes: Axes, scene: WindScene) -> None:
         angle = np.radians(line.longitude_deg)
         x, y = line.range_rsun * np.cos(angle), line.range_rsun * np.sin(angle)
         axes.plot(x, y, color=INK, lw=1.4, ls="--", zorder=5, label="field line through the source")
+    if len(scene.spiral_rsun):
+        x, y = scene.spiral_rsun[:, 0], scene.spiral_rsun[:, 1]
+        axes.plot(x, y, color=TRACK_STYLES[3].colour, lw=1.4, ls=":", zorder=5, label="spiral of the joint fit")
     if len(scene.source_rsun):
         style = TRACK_STYLES[0]
         x, y = scene.source_rsun[:, 0], scene.source_rsun[:, 1]

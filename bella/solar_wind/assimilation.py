@@ -38,6 +38,9 @@ RELATIVE_ERROR = 0.1
 BINS = 128
 ITERATIONS = 8
 STEP_KM_S = 1.0
+HALF_ROTATION = np.timedelta64(round(0.5 * SYNODIC_ROTATION_D * 86_400), "s")
+"""Speeds this long before and after a time are used: as long as the Sun takes to turn once below a spacecraft."""
+
 FEWEST = 24
 """Fewer binned speeds than this say next to nothing about a rotation."""
 
@@ -52,15 +55,23 @@ class WindAssimilation:
         The wind everywhere, of the most probable boundary.
     boundary_km_s, boundary_sd_km_s : ndarray, shape (L,)
         Speed at the inner boundary and the square root of its posterior variance, km/s.
+    boundary_covariance_km2_s2 : ndarray, shape (L, L)
     prior_rmse_km_s, rmse_km_s : dict of str to float
         Root mean square misfit of each spacecraft before and after, km/s.
+    rotation_period_d : float
+        Sidereal, days.
+    around_utc : numpy.datetime64
+        Middle of the rotation.
     """
 
     wind: SteadyWind
     boundary_km_s: FloatArray
     boundary_sd_km_s: FloatArray
+    boundary_covariance_km2_s2: FloatArray
     prior_rmse_km_s: dict[str, float]
     rmse_km_s: dict[str, float]
+    rotation_period_d: float
+    around_utc: np.datetime64
 
 
 def assimilate_wind(
@@ -91,20 +102,44 @@ def assimilate_wind(
     if len(seen) < FEWEST:
         raise NoDataError(f"{len(seen)} speeds in the rotation around {around_utc}: at least {FEWEST} are needed")
     prior = np.full(BINS, PRIOR_KM_S)
-    boundary, sd = _gauss_newton(seen, prior, rotation_period_d)
+    boundary, covariance = _gauss_newton(seen, prior, rotation_period_d)
     wind = steady_wind(boundary, rotation_period_d=rotation_period_d)
     return WindAssimilation(
         wind=wind,
         boundary_km_s=boundary,
-        boundary_sd_km_s=sd,
+        boundary_sd_km_s=np.sqrt(np.diag(covariance)),
+        boundary_covariance_km2_s2=covariance,
         prior_rmse_km_s=_rmse(seen, steady_wind(prior, rotation_period_d=rotation_period_d)),
         rmse_km_s=_rmse(seen, wind),
+        rotation_period_d=rotation_period_d,
+        around_utc=around_utc,
     )
+
+
+def drawn_winds(found: WindAssimilation, draws: int, seed: int) -> list[SteadyWind]:
+    """Winds of boundaries drawn from the posterior.
+
+    Parameters
+    ----------
+    found : WindAssimilation
+    draws : int
+    seed : int
+
+    Returns
+    -------
+    list of SteadyWind
+        With the rotation period that was assimilated with.
+    """
+    random = np.random.default_rng(seed)
+    drawn = random.multivariate_normal(found.boundary_km_s, found.boundary_covariance_km2_s2, draws, method="cholesky")
+    boundaries = np.clip(drawn.T, SLOWEST_KM_S, FASTEST_KM_S)
+    range_rsun, speed = marched(boundaries, INNER_RSUN, OUTER_RSUN, found.rotation_period_d)
+    return [SteadyWind(range_rsun, found.wind.longitude_deg, speed[:, :, one]) for one in range(draws)]
 
 
 def _binned(name: str, series: pd.Series, around_utc: np.datetime64) -> pd.DataFrame:
     """Mean speed of a spacecraft in each of as many equal spans of a rotation as there are bins, and where it was."""
-    half = np.timedelta64(round(0.5 * SYNODIC_ROTATION_D * 86_400), "s")
+    half = HALF_ROTATION
     utc = series.index.to_numpy().astype("datetime64[ns]")
     inside = (utc >= around_utc - half) & (utc < around_utc + half) & np.isfinite(series.to_numpy())
     if not inside.any():
@@ -141,7 +176,7 @@ def _prior_root() -> FloatArray:
 
 
 def _gauss_newton(seen: pd.DataFrame, prior: FloatArray, rotation_period_d: float) -> tuple[FloatArray, FloatArray]:
-    """Most probable boundary and its standard deviations; the unknowns are w = L^-1 (x - x_prior), whose prior is 1."""
+    """Most probable boundary and its covariance; the unknowns are w = L^-1 (x - x_prior), whose prior is 1."""
     root, observed = _prior_root(), seen["speed_km_s"].to_numpy()
     white: FloatArray = np.zeros(BINS)
     boundary = prior
@@ -153,8 +188,7 @@ def _gauss_newton(seen: pd.DataFrame, prior: FloatArray, rotation_period_d: floa
         precision = np.eye(BINS) + sensitivity.T @ sensitivity
         white = np.asarray(np.linalg.solve(precision, sensitivity.T @ misfit), dtype=np.float64)
         boundary = np.clip(prior + root @ white, SLOWEST_KM_S, FASTEST_KM_S)
-    covariance = root @ np.linalg.solve(precision, root.T)
-    return boundary, np.sqrt(np.diag(covariance))
+    return boundary, np.asarray(root @ np.linalg.solve(precision, root.T), dtype=np.float64)
 
 
 def _rmse(seen: pd.DataFrame, wind: SteadyWind) -> dict[str, float]:

@@ -10,15 +10,19 @@ from bella.exceptions import InputError, NoDataError
 FILL_KM_S = 9999.0
 FASTEST_KM_S = 3000.0
 COLUMNS = ("year", "day_of_year", "hour", "speed_km_s")
+OMNI2_COLUMNS = range(55, 60)
+OMNI2_PLACES = (0, 1, 2, 24)
+"""Where a record of the yearly OMNI 2 files has these four; records have had words added at their end."""
 
 
 def hourly_speeds(path: Path) -> pd.Series:
-    """Read hourly speeds: lines of year, day of year, hour and speed in km/s, as OMNI and PLASTIC lists are exported.
+    """Read hourly speeds: lines of year, day of year, hour and speed in km/s, as OMNIWeb and COHOWeb export lists.
 
     Parameters
     ----------
     path : Path
-        Blanks between the columns; 9999 or more where there is no measurement.
+        Blanks between the columns; 9999 or more where there is no measurement. The yearly files of OMNI 2
+        (``omni2_YYYY.dat``, 55 words and more) are read as they are.
 
     Returns
     -------
@@ -48,6 +52,8 @@ def _numbers(path: Path) -> pd.DataFrame:
     except (OSError, ValueError) as error:
         reason = " ".join(str(error).split())
         raise InputError(f"{path.name} cannot be read ({reason}): give year, day of year, hour, speed") from error
+    if frame.shape[1] in OMNI2_COLUMNS:
+        frame = frame.iloc[:, list(OMNI2_PLACES)]
     if frame.shape[1] != len(COLUMNS):
         raise InputError(f"{path.name} has {frame.shape[1]} columns: give year, day of year, hour, speed")
     return frame.set_axis(list(COLUMNS), axis=1)

@@ -1,0 +1,242 @@
+"""The wind and the Sun around a burst: what the folders of the settings say of them, in the form the flow needs."""
+
+import hashlib
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from datetime import date, datetime
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+import xarray as xr
+
+from bella.catalogue import SourceFile
+from bella.exceptions import NoDataError
+from bella.plotting import WindScene, write_wind_map_png
+from bella.settings import Settings
+from bella.solar_wind import WindAssimilation, assimilate_wind
+from bella.solar_wind.assimilation import HALF_ROTATION
+from bella.solar_wind.connection import footpoint_companion
+from bella.solar_wind.folder import (
+    OLDEST_REGIONS,
+    InSitu,
+    Regions,
+    UsedFile,
+    region_files,
+    regions_around,
+    speeds_around,
+)
+from bella.solar_wind.wind_companion import TrackSpiral, line_of_track, wind_companion
+from bella.spacecraft import position_hee
+from bella.tracks import JointFit
+from bella.units import FloatArray
+
+HALF_DAY = np.timedelta64(12, "h")
+LINE_RSUN = (1.0, 215.0)
+
+
+@dataclass(frozen=True)
+class Surroundings:
+    """What was measured of the wind, and seen on the Sun, around a burst.
+
+    Attributes
+    ----------
+    utc : numpy.datetime64
+        Of the burst.
+    in_situ : InSitu
+    regions : Regions
+    """
+
+    utc: np.datetime64
+    in_situ: InSitu
+    regions: Regions
+
+    @cached_property
+    def wind(self) -> WindAssimilation:
+        """Wind of the rotation around the burst, assimilated when first asked for.
+
+        Raises
+        ------
+        NoDataError
+            If no speed, or too few, were measured.
+        """
+        if self.in_situ.reason:
+            raise NoDataError(self.in_situ.reason)
+        return assimilate_wind(self.in_situ.speeds, self.utc)
+
+    def sources(self) -> tuple[SourceFile, ...]:
+        """What a solution depends on of them, as inputs of it."""
+        day = pd.Timestamp(self.utc).date()
+        used = (*self.in_situ.used, *self.regions.used)
+        return tuple(SourceFile(file.kind, day, "1", file.sha256, "done", file.name) for file in used)
+
+
+def surroundings_of(start_utc: datetime, settings: Settings) -> Surroundings:
+    """Read what the folders of the settings have for a burst.
+
+    Parameters
+    ----------
+    start_utc : datetime.datetime
+        Of the burst, with its zone.
+    settings : Settings
+
+    Returns
+    -------
+    Surroundings
+        What there is nothing of says why; nothing is refused.
+    """
+    utc = pd.Timestamp(start_utc).tz_convert("UTC").tz_localize(None).to_datetime64().astype("datetime64[ns]")
+    return Surroundings(utc, speeds_around(settings.in_situ, utc), regions_around(settings.regions, utc))
+
+
+def day_digest(day: date, settings: Settings) -> str:
+    """Checksum of what the bursts of a day may depend on in these folders.
+
+    Parameters
+    ----------
+    day : datetime.date
+    settings : Settings
+
+    Returns
+    -------
+    str
+        Empty where there is nothing for that day.
+    """
+    noon = np.datetime64(day, "ns") + HALF_DAY
+    used: Iterable[UsedFile] = speeds_around(settings.in_situ, noon, HALF_ROTATION + HALF_DAY).used
+    parts = [file.sha256 for file in used]
+    if settings.regions is not None:
+        near = region_files(settings.regions, noon, OLDEST_REGIONS + HALF_DAY)
+        parts += [_sha256(path) for files in near.values() for path, _ in files]
+    return hashlib.sha256("\n".join(sorted(parts)).encode()).hexdigest() if parts else ""
+
+
+def _sha256(path: Path) -> str:
+    try:
+        return hashlib.sha256(path.read_bytes()).hexdigest()
+    except OSError as error:  # read again, and left out with its reason, when a burst asks for it
+        return f"{path.name}: {error.strerror}"
+
+
+def footpoint_of(fit: JointFit, observatories: Iterable[str], around: Surroundings) -> dict[str, Any]:
+    """Footpoint of a joint fit, with connections by the measured wind, and the regions near it.
+
+    Parameters
+    ----------
+    fit : JointFit
+    observatories : iterable of str
+    around : Surroundings
+
+    Returns
+    -------
+    dict
+        As :func:`bella.solar_wind.connection.footpoint_companion` returns it.
+
+    Raises
+    ------
+    NoDataError
+        If nothing was fitted.
+    """
+    if not fit.draws:
+        raise NoDataError(f"there is no joint fit ({', '.join(fit.flags)}): add frequencies")
+    phi0, utc = fit.draws["phi0_deg"], fit.reference_utc
+    return footpoint_companion(phi0, utc, observatories, around.in_situ.at(utc), around.regions)
+
+
+def wind_of(posterior: xr.Dataset, joint: Mapping[str, Any], around: Surroundings) -> dict[str, Any]:
+    """Wind around a burst, and along its track.
+
+    Parameters
+    ----------
+    posterior : xarray.Dataset
+        A solution of :func:`bella.multilateration.localise`.
+    joint : mapping
+        Joint fit as it is stored.
+    around : Surroundings
+
+    Returns
+    -------
+    dict
+        As :func:`bella.solar_wind.wind_companion.wind_companion` returns it.
+
+    Raises
+    ------
+    NoDataError
+        If no speed, or too few, were measured.
+    """
+    return wind_companion(around.wind, around.in_situ, fitted_spiral(posterior, joint))
+
+
+def fitted_spiral(posterior: xr.Dataset, joint: Mapping[str, Any]) -> TrackSpiral | None:
+    """Spiral of a joint fit.
+
+    Parameters
+    ----------
+    posterior : xarray.Dataset
+    joint : mapping
+        As it is stored.
+
+    Returns
+    -------
+    TrackSpiral or None
+        None where nothing was fitted.
+    """
+    phi0, speed = (joint.get(name) or {} for name in ("phi0_deg", "v_sw_km_s"))
+    if phi0.get("mean") is None or speed.get("mean") is None:
+        return None
+    distance = np.linalg.norm(_sources_rsun(posterior), axis=1)
+    utc = np.datetime64(str(posterior.attrs["reference_time"]).removesuffix("Z"), "ns")
+    return TrackSpiral(float(phi0["mean"]), float(speed["mean"]), float(joint["rotation_period_d"]), distance, utc)
+
+
+def _sources_rsun(posterior: xr.Dataset) -> FloatArray:
+    """Positions of a solution, shape (F, 3)."""
+    zeros = np.zeros(posterior.sizes["frequency"])
+    parts = [posterior[name].to_numpy() if name in posterior else zeros for name in ("x_rsun", "y_rsun", "z_rsun")]
+    return np.stack(parts, axis=1).astype(np.float64)
+
+
+def has_wind(track: Mapping[str, Any]) -> bool:
+    """Whether the wind stands beside the track of a solution.
+
+    Parameters
+    ----------
+    track : mapping
+        As it is stored.
+
+    Returns
+    -------
+    bool
+    """
+    return "boundary" in track.get("companions", {}).get("wind", {})
+
+
+def draw_wind(path: Path, posterior: xr.Dataset, track: Mapping[str, Any], around: Surroundings) -> None:
+    """Draw the wind around a burst with its track in it.
+
+    Parameters
+    ----------
+    path : Path
+    posterior : xarray.Dataset
+    track : mapping
+        As it is stored.
+    around : Surroundings
+
+    Raises
+    ------
+    NoDataError
+        If no speed, or too few, were measured.
+    """
+    wind, spiral = around.wind.wind, fitted_spiral(posterior, track.get("joint", {}))
+    utc = np.datetime64(str(posterior.attrs["reference_time"]).removesuffix("Z"), "ns")
+    line = None if "phi0_deg" not in track["companions"]["wind"]["field_line"] or spiral is None else spiral
+    scene = WindScene(
+        utc,
+        _sources_rsun(posterior),
+        None if line is None else line_of_track(wind, line),
+        {name: position_hee(name, [utc], utc)[0] for name in around.wind.rmse_km_s},
+        np.empty((0, 3)) if spiral is None else spiral.at(np.linspace(*LINE_RSUN, 200)),
+    )
+    write_wind_map_png(path, wind, scene)
