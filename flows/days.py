@@ -25,9 +25,11 @@ from bella.bursts.timing import (
 )
 from bella.catalogue import Burst, BurstQuery, Catalogue, Detection, SearchedDay, SourceFile
 from bella.exceptions import BellaError, NoDataError
+from bella.settings import Settings
 from bella.spectra import by_observatory, open_spectra
 from bella.spectra.archive import DayInMirror
 from flows.inputs import BurstInput, aware
+from flows.solar_wind import day_digest
 
 log = structlog.get_logger(__name__)
 
@@ -53,7 +55,7 @@ class DayFiles:
     paths : tuple of Path
     sources : tuple of SourceFile
     inputs_hash : str
-        Of the contents of the files.
+        Of the contents of the files, and of what is known of the wind and the Sun around the day.
     """
 
     day: date
@@ -111,6 +113,25 @@ def day_files(day: date, mirrored: Iterable[DayInMirror]) -> DayFiles:
     sources = tuple(found[path] for path in paths)
     text = "\n".join(sorted(source.sha256 for source in sources))
     return DayFiles(day, paths, sources, hashlib.sha256(text.encode()).hexdigest())
+
+
+def with_surroundings(files: DayFiles, settings: Settings) -> DayFiles:
+    """Files of a day whose checksum changes with the wind and the regions that its bursts are held against.
+
+    Parameters
+    ----------
+    files : DayFiles
+    settings : Settings
+
+    Returns
+    -------
+    DayFiles
+        The same one where nothing is known of them.
+    """
+    known = day_digest(files.day, settings)
+    if not known:
+        return files
+    return replace(files, inputs_hash=hashlib.sha256(f"{files.inputs_hash}{known}".encode()).hexdigest())
 
 
 def _version(outcome: DayInMirror, path: Path) -> str:

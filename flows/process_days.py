@@ -30,6 +30,7 @@ from flows.days import (
     known_burst_ids,
     place_burst,
     searched_record,
+    with_surroundings,
 )
 from flows.inputs import BurstInput
 from flows.localise_burst import STAGE, Choice, Outcome, coarse, localise_given, run_name
@@ -131,7 +132,8 @@ def process_days(first: date, last: date, archive: str | None = None, preset: st
     ):
         for day in days:
             with structlog.contextvars.bound_contextvars(day=f"{day}"):
-                outcomes.append(_outcome(day_files(day, mirrored), catalogue, settings, Choice("posterior", preset, 2)))
+                files = with_surroundings(day_files(day, mirrored), settings)
+                outcomes.append(_outcome(files, catalogue, settings, Choice("posterior", preset, 2)))
             advance(1)
     return outcomes
 

@@ -187,8 +187,13 @@ def fitted_spiral(posterior: xr.Dataset, joint: Mapping[str, Any]) -> TrackSpira
     if phi0.get("mean") is None or speed.get("mean") is None:
         return None
     distance = np.linalg.norm(_sources_rsun(posterior), axis=1)
-    utc = np.datetime64(str(posterior.attrs["reference_time"]).removesuffix("Z"), "ns")
-    return TrackSpiral(float(phi0["mean"]), float(speed["mean"]), float(joint["rotation_period_d"]), distance, utc)
+    period = float(joint["rotation_period_d"])
+    return TrackSpiral(float(phi0["mean"]), float(speed["mean"]), period, distance, _reference(posterior))
+
+
+def _reference(posterior: xr.Dataset) -> np.datetime64:
+    """Epoch of the axes of a solution, UTC."""
+    return np.datetime64(str(posterior.attrs["reference_time"]).removesuffix("Z"), "ns")
 
 
 def _sources_rsun(posterior: xr.Dataset) -> FloatArray:
@@ -229,14 +234,12 @@ def draw_wind(path: Path, posterior: xr.Dataset, track: Mapping[str, Any], aroun
     NoDataError
         If no speed, or too few, were measured.
     """
-    wind, spiral = around.wind.wind, fitted_spiral(posterior, track.get("joint", {}))
-    utc = np.datetime64(str(posterior.attrs["reference_time"]).removesuffix("Z"), "ns")
-    line = None if "phi0_deg" not in track["companions"]["wind"]["field_line"] or spiral is None else spiral
-    scene = WindScene(
-        utc,
-        _sources_rsun(posterior),
-        None if line is None else line_of_track(wind, line),
-        {name: position_hee(name, [utc], utc)[0] for name in around.wind.rmse_km_s},
-        np.empty((0, 3)) if spiral is None else spiral.at(np.linspace(*LINE_RSUN, 200)),
-    )
-    write_wind_map_png(path, wind, scene)
+    found, spiral = around.wind, fitted_spiral(posterior, track.get("joint", {}))
+    utc = _reference(posterior)
+    line, drawn = None, np.empty((0, 3))
+    if spiral is not None:
+        drawn = spiral.at(np.linspace(*LINE_RSUN, 200))
+        if "phi0_deg" in track["companions"]["wind"]["field_line"]:
+            line = line_of_track(found.wind, spiral, found.rotation_period_d)
+    receivers = {name: position_hee(name, [utc], utc)[0] for name in found.rmse_km_s}
+    write_wind_map_png(path, found.wind, WindScene(utc, _sources_rsun(posterior), line, receivers, drawn))

@@ -38,7 +38,7 @@ HOLES_NAME = re.compile(r"coronal-holes-(\d{8}T\d{4})\.csv", re.IGNORECASE)
 OLDEST_REGIONS = np.timedelta64(48, "h")
 """Regions of a time further away than this are not turned to that of a burst: they may be gone."""
 
-NEAREST_HOUR = np.timedelta64(6, "h")
+NEAREST_HOUR = pd.Timedelta(hours=6)
 FILES_KEPT = 64
 
 
@@ -93,10 +93,10 @@ class InSitu:
         dict of str to float
             By observatory, km/s, of the hour that holds it, or the nearest one with a measurement within six hours.
         """
-        middle = np.timedelta64(30, "m")
+        hour, half = pd.Timestamp(utc), pd.Timedelta(minutes=30)
         found = {}
         for name, series in self.speeds.items():
-            apart = np.abs(series.index.to_numpy().astype("datetime64[ns]") + middle - utc)
+            apart = np.array([abs(start + half - hour) for start in series.index])
             if apart.min() <= NEAREST_HOUR:
                 found[name] = float(series.iloc[int(apart.argmin())])
         return found

@@ -115,7 +115,7 @@ def wind_companion(found: WindAssimilation, in_situ: InSitu, spiral: TrackSpiral
         "observatories": [_at_spacecraft(name, found, winds, in_situ) for name in found.rmse_km_s],
         "boundary": _boundary(found),
         "along_track": along_track(found.wind, winds, spiral) if spiral else [],
-        "field_line": _compared(found.wind, winds, spiral),
+        "field_line": _compared(found, winds, spiral),
         "left_out": list(in_situ.left_out),
         "files": [file.name for file in in_situ.used],
         "flags": [],
@@ -185,13 +185,15 @@ def along_track(wind: SteadyWind, winds: Sequence[SteadyWind], spiral: TrackSpir
     return [{"range_rsun": float(r), "v_sw_km_s": speed} for r, speed in zip(distance, speeds, strict=True)]
 
 
-def line_of_track(wind: SteadyWind, spiral: TrackSpiral) -> FieldLine:
+def line_of_track(wind: SteadyWind, spiral: TrackSpiral, rotation_period_d: float) -> FieldLine:
     """Field line of a wind through the middle of a track.
 
     Parameters
     ----------
     wind : SteadyWind
     spiral : TrackSpiral
+    rotation_period_d : float
+        Of the wind, sidereal, days.
 
     Returns
     -------
@@ -203,26 +205,32 @@ def line_of_track(wind: SteadyWind, spiral: TrackSpiral) -> FieldLine:
         If no source is between the boundaries of the wind.
     """
     middle = spiral.at(np.array([spiral.middle_rsun(wind)]))[0]
-    return field_line_through(wind, middle, spiral.utc)
+    return field_line_through(wind, middle, spiral.utc, rotation_period_d)
 
 
-def longitude_at_sun_deg(line: FieldLine, wind: SteadyWind, spiral: TrackSpiral, rotation_period_d: float) -> float:
-    """HEE longitude at 1 solar radius of a field line, which below the inner boundary is a spiral of the speed there.
+def longitude_at_sun_deg(wind: SteadyWind, spiral: TrackSpiral, rotation_period_d: float) -> float:
+    """HEE longitude at 1 solar radius of the field line through the middle of a track.
+
+    Below the inner boundary of the wind the line is a spiral of the speed there.
 
     Parameters
     ----------
-    line : FieldLine
     wind : SteadyWind
     spiral : TrackSpiral
-        Whose time it is.
     rotation_period_d : float
-        Sidereal, days.
+        Of the wind, sidereal, days.
 
     Returns
     -------
     float
         Degrees.
+
+    Raises
+    ------
+    NoDataError
+        If no source is between the boundaries of the wind.
     """
+    line = line_of_track(wind, spiral, rotation_period_d)
     inner, longitude = line.range_rsun[:1], line.longitude_deg[:1]
     angle = np.radians(longitude[0])
     # a hair outside: turning between frames rounds
@@ -232,28 +240,26 @@ def longitude_at_sun_deg(line: FieldLine, wind: SteadyWind, spiral: TrackSpiral,
     return float(longitude[0] + bend[0] - bend[1])
 
 
-def _compared(wind: SteadyWind, winds: Sequence[SteadyWind], spiral: TrackSpiral | None) -> dict[str, Any]:
+def _compared(found: WindAssimilation, winds: Sequence[SteadyWind], spiral: TrackSpiral | None) -> dict[str, Any]:
     """Where the field line through the middle of the track meets the Sun, and how far that is from the spiral."""
     if spiral is None:
         return {"flags": [NOT_COMPUTED], "reason": "there is no joint fit to compare with: add frequencies"}
     try:
-        return _field_line(wind, winds, spiral)
+        return _field_line(found, winds, spiral)
     except (InputError, NoDataError) as error:
         return {"flags": [NOT_COMPUTED], "reason": str(error)}
 
 
-def _field_line(wind: SteadyWind, winds: Sequence[SteadyWind], spiral: TrackSpiral) -> dict[str, Any]:
-    line = line_of_track(wind, spiral)
-    period = spiral.rotation_period_d
-    phi0 = longitude_at_sun_deg(line, wind, spiral, period)
-    drawn = [longitude_at_sun_deg(line_of_track(one, spiral), one, spiral, period) for one in winds]
-    low, high = (float(end(spiral.range_rsun)) for end in (np.nanmin, np.nanmax))
-    limits = (max(low, float(wind.range_rsun[0])), min(high, float(wind.range_rsun[-1])))
+def _field_line(found: WindAssimilation, winds: Sequence[SteadyWind], spiral: TrackSpiral) -> dict[str, Any]:
+    phi0, *drawn = (longitude_at_sun_deg(one, spiral, found.rotation_period_d) for one in (found.wind, *winds))
+    line = line_of_track(found.wind, spiral, found.rotation_period_d)
+    limits = float(np.nanmin(spiral.range_rsun)), float(np.nanmax(spiral.range_rsun))
+    rms = line.rms_from_spiral_deg(spiral.phi0_deg, spiral.v_sw_km_s, limits, spiral.rotation_period_d)
     return {
-        "through_rsun": round(spiral.middle_rsun(wind), 1),
+        "through_rsun": round(spiral.middle_rsun(found.wind), 1),
         "phi0_deg": {"mean": round(_turned(phi0), 2), "sd": round(float(np.std(drawn)), 2)},
         "apart_deg": round(_turned(phi0 - spiral.phi0_deg), 2),
-        "rms_deg": round(line.rms_from_spiral_deg(spiral.phi0_deg, spiral.v_sw_km_s, limits, period), 2),
+        "rms_deg": round(rms, 2),
         "flags": [],
     }
 
