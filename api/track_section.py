@@ -7,6 +7,7 @@ from typing import Any, NamedTuple
 from api.remarks import remarks_of
 from api.rendering import written_error
 from api.schemas import SolutionReply
+from api.wind_section import footpoint_words, track_wind_words
 
 Fit = Mapping[str, Any]
 DASH = "\N{EN DASH}"
@@ -43,6 +44,8 @@ class TrackSection:
     remarks : list of str
     footpoint : str
         Where the field line starts on the Sun, and which spacecraft was connected to there; empty where not asked.
+    wind : str
+        The measured wind along the track; empty where there is none.
     figures : list of (str, str, str)
         Title, address and description of each figure that was drawn.
     """
@@ -52,6 +55,7 @@ class TrackSection:
     rows: list[tuple[str, list[Cell]]]
     remarks: list[str]
     footpoint: str
+    wind: str
     figures: list[tuple[str, str, str]]
 
 
@@ -77,46 +81,8 @@ def track_section(solution: SolutionReply, track: Fit, figures: list[tuple[str, 
     rows += [("Residual", [Cell(_residual(fit)) for fit in fits.values()])]
     rows += [("Rotation period (d)", [Cell(_period(fit)) for fit in fits.values()])]
     foot = footpoint_words(track.get("companions", {}).get("footpoint", {}))
-    return TrackSection(solution, [METHODS[name] for name in fits], rows, remarks_of(fits, track), foot, figures)
-
-
-def footpoint_words(foot: Fit) -> str:
-    """Footpoint with its intervals, and the connection of each spacecraft.
-
-    Parameters
-    ----------
-    foot : mapping
-        As it is stored.
-
-    Returns
-    -------
-    str
-        Empty where nothing is stored.
-    """
-    if "stonyhurst" not in foot:
-        return f"not computed: {foot['reason']}" if "reason" in foot else ""
-    places = "; ".join(f"{name.capitalize()} {_interval(foot[name])}" for name in ("stonyhurst", "carrington"))
-    each = [f"{one['observatory']} {_connection(one)}" for one in foot["connections"]]
-    return (
-        f"{places}. West of it the spacecraft had their own footpoints, with an assumed wind of 400 km/s (in brackets "
-        f"600 to 300 km/s): {', '.join(each)}."
-    )
-
-
-def _interval(longitude: Fit) -> str:
-    low68, high68, low95, high95 = (_whole(longitude[end]) for end in ("q16", "q84", "q2_5", "q97_5"))
-    return f"{_whole(longitude['mean'])}° (68 %: {low68} to {high68}°, 95 %: {low95} to {high95}°)"
-
-
-def _connection(one: Fit) -> str:
-    if "connection_angle_deg" not in one:
-        return "not known"
-    ends = (_whole(one[f"at_{speed}_km_s_deg"]) for speed in (600, 300))
-    return f"{_whole(one['connection_angle_deg']['mean'])}° ({' to '.join(ends)}°)"
-
-
-def _whole(value: float) -> str:
-    return f"{value:.0f}".replace("-", "\N{MINUS SIGN}")
+    methods, remarks = [METHODS[name] for name in fits], remarks_of(fits, track)
+    return TrackSection(solution, methods, rows, remarks, foot, track_wind_words(track), figures)
 
 
 def fits_of(track: Fit) -> dict[str, Fit]:

@@ -18,6 +18,7 @@ from api.routers.bursts import versions_of
 from api.schemas import SolutionReply, burst_links, figure_path
 from api.service import CatalogueHere, ServiceHere
 from api.track_section import TrackSection, track_section
+from api.wind_section import wind_table
 from api.wording import APPARENT_SOURCE, EDGE_DECIDES
 from bella.catalogue import BurstPage, BurstQuery, Catalogue, Solution
 from bella.exceptions import InputError
@@ -42,8 +43,12 @@ FIGURES = {
         "Frequency against distance",
         "Frequency against the distance of the source, with the emission of density models.",
     ),
+    "wind": (
+        "Measured wind and track",
+        "Map of the speed of the solar wind seen from ecliptic north, with the track, its spiral and a field line.",
+    ),
 }
-"""Title and description of each of `bella.settings.FIT_FIGURES`."""
+"""Title and description of each of `bella.settings.FIT_FIGURES`, and of `WIND_FIGURE`."""
 
 Track = tuple[Solution, dict[str, Any]]
 
@@ -100,6 +105,7 @@ def burst_page(request: Request, burst_id: str, service: ServiceHere, catalogue:
         solutions=[SolutionReply.of(solution) for solution in solutions],
         fits=_fit_rows(tracks),
         sections=_sections(tracks, service.settings),
+        wind=wind_table(track for _, track in tracks),
         edges_apart=edge_remark({edge_name(s.series.edge): track for s, track in tracks}),
         flags=sorted({flag for solution in solutions for flag in solution.flags} - SAID_ELSEWHERE),
         contraction=_contraction(catalogue, solutions),

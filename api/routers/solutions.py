@@ -31,8 +31,8 @@ def posterior_file(solution_id: str, key: str, service: ServiceHere) -> FileResp
 
 
 @router.get("/{solution_id}/figures/{name}", responses={200: {"content": {"image/png": {}}}}, response_class=Response)
-def figure(solution_id: str, name: Literal["polar-fit", "density"], service: ServiceHere) -> FileResponse:
-    """Figure of the track of a solution, PNG: longitude against distance with fits, or frequency against distance."""
+def figure(solution_id: str, name: Literal["polar-fit", "density", "wind"], service: ServiceHere) -> FileResponse:
+    """Figure of the track of a solution, PNG: longitude against distance, frequency against distance, or its wind."""
     burst_id = service.catalogue().solution(solution_id).burst_id
     path = service.settings.fit_figure(burst_id, solution_id, name)
     if not path.is_file():

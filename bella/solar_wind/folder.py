@@ -190,11 +190,11 @@ def _used_speeds(observatory: str, paths: list[Path], series: pd.Series) -> Used
 
 def _no_speeds(folder: Path, utc: np.datetime64, left_out: list[str]) -> str:
     if not folder.is_dir():
-        return f"{folder} is no folder: name that of the hourly speeds in BELLA_IN_SITU"
+        return "the folder of hourly speeds is not there: name it in BELLA_IN_SITU"
     if left_out:
         return left_out[0]
     return (
-        f"no file in {folder} has a speed of the rotation around {utc.astype('datetime64[D]')}: "
+        f"no file of BELLA_IN_SITU has a speed of the rotation around {utc.astype('datetime64[D]')}: "
         f"add hourly lists whose names begin with {', '.join(BEGINNINGS)}"
     )
 
@@ -265,8 +265,8 @@ def _named_time(match: "re.Match[str] | None") -> np.datetime64 | None:
 
 def _no_regions(folder: Path, utc: np.datetime64, left_out: list[str]) -> str:
     if not folder.is_dir():
-        return f"{folder} is no folder: name that of the region summaries in BELLA_REGIONS"
+        return "the folder of region summaries is not there: name it in BELLA_REGIONS"
     if left_out:
         return left_out[0]
     day = str((utc + np.timedelta64(12, "h")).astype("datetime64[D]")).replace("-", "")
-    return f"{folder} has no region summary within two days of the burst: add NOAA's {day}SRS.txt"
+    return f"BELLA_REGIONS has no region summary within two days of the burst: add NOAA's {day}SRS.txt"
