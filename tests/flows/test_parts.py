@@ -4,6 +4,7 @@ import hashlib
 import json
 from contextlib import closing
 from dataclasses import replace
+from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
@@ -25,9 +26,12 @@ from bella.tracks import track_fit
 from flows import environment, progress
 from flows.inputs import load_burst
 from flows.publication import Draft, inputs_hash, publish, solution_flags
+from flows.solar_wind import surroundings_of
 from flows.tracks import attempted, fitted_track
 
 SERIES = Series("half_maximum", "posterior", "default", 2)
+UNKNOWN = surroundings_of(datetime(2012, 6, 7, 19, 20, tzinfo=UTC), Settings(in_situ=None, regions=None))
+"""Neither wind nor regions."""
 
 
 @pytest.fixture(scope="module")
@@ -83,11 +87,11 @@ def test_track_of_a_solution_holds_every_method_and_its_draws_reach_the_store(tm
     settings = Settings(home=tmp_path, draws=500)
     arrivals = locate_receivers(half_maximum_arrivals())
     given = load_burst(EVENT.name, Path("nowhere"))
-    track, posterior = fitted_track(localise(arrivals, draws=200), arrivals, SERIES, settings)
+    track, posterior = fitted_track(localise(arrivals, draws=200), arrivals, SERIES, settings, UNKNOWN)
     assert track["joint"]["frequencies"] == 40
     assert track["joint"]["rotation_period_d"] == track["rotation_period_d"] == 24.47
-    assert set(track["companions"]) == {"semp", "weighted", "piecewise", "density_excess", "footpoint"}
-    assert all("reason" not in one for one in track["companions"].values())
+    assert set(track["companions"]) == {"semp", "weighted", "piecewise", "density_excess", "footpoint", "wind"}
+    assert [name for name, one in track["companions"].items() if "reason" in one] == ["wind"]
     with closing(Catalogue.open(settings.catalogue_url, create=True)) as catalogue:
         solution = publish(Draft(given.burst, SERIES, "0" * 64, posterior, track, given.sources), catalogue, settings)
         assert catalogue.track_fit(solution.solution_id) == json.loads(json.dumps(track))
@@ -101,7 +105,7 @@ def test_track_of_a_solution_holds_every_method_and_its_draws_reach_the_store(tm
 
 def test_what_cannot_be_computed_says_why_and_stops_nothing(located: Any) -> None:
     alone = located[located["frequency_mhz"] == 1.0]
-    track, posterior = fitted_track(localise(alone, draws=200), alone, SERIES, Settings())
+    track, posterior = fitted_track(localise(alone, draws=200), alone, SERIES, Settings(), UNKNOWN)
     assert track["joint"]["flags"] == ["too_few_frequencies"]
     assert "joint_draws" not in posterior
     found = track["companions"]

@@ -1,0 +1,150 @@
+"""Wind and Sun around a burst in a run: what the folders hold reaches its solution, and new files make a new version."""
+
+from contextlib import closing
+from dataclasses import replace
+from datetime import UTC, date, datetime
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+import pytest
+import xarray as xr
+
+from bella.arrivals import locate_receivers
+from bella.bursts import EVENT, half_maximum_arrivals
+from bella.catalogue import Catalogue, Series, Solution
+from bella.multilateration import localise
+from bella.settings import Settings
+from flows.days import DayFiles, with_surroundings
+from flows.inputs import load_burst
+from flows.publication import Draft, inputs_hash, publish
+from flows.solar_wind import draw_wind, has_wind, surroundings_of
+from flows.tracks import fitted_track
+from tests.commands import BELLA, Sandbox
+from tests.solar_wind.in_situ import lists_of
+from tests.solar_wind.test_context import HOLES, SUMMARY
+from tests.solar_wind.test_folder import hours
+
+SERIES = Series("half_maximum", "posterior", "default", 2)
+START = datetime(2012, 6, 7, 19, 20, tzinfo=UTC)
+
+
+@pytest.fixture
+def settings(tmp_path: Path) -> Settings:
+    """Folders with three lists of one speed each, and the regions of the day."""
+    found = Settings(home=tmp_path / "home", draws=200, in_situ=tmp_path / "in-situ", regions=tmp_path / "regions")
+    for name, speed in (("omni", 480.0), ("sta", 400.0), ("stb", 400.0)):
+        hours(tmp_path / "in-situ" / f"{name}.lst", speed)
+    (tmp_path / "regions").mkdir()
+    (tmp_path / "regions" / "20120608SRS.txt").write_text(SUMMARY)
+    (tmp_path / "regions" / "coronal-holes-20120607T1200.csv").write_text(HOLES)
+    return found
+
+
+@pytest.fixture(scope="module")
+def localised() -> tuple[pd.DataFrame, xr.Dataset]:
+    arrivals = locate_receivers(half_maximum_arrivals(np.geomspace(0.15, 2.0, 12)))
+    return arrivals, localise(arrivals, draws=200)
+
+
+def published(localised: tuple[pd.DataFrame, xr.Dataset], settings: Settings) -> tuple[Solution, dict[str, Any], bool]:
+    """Publish the burst as a run does, unless the same inputs were published; and whether it is new."""
+    arrivals, posterior = localised
+    given, around = load_burst(EVENT.name, Path("nowhere")), surroundings_of(START, settings)
+    sources = (*given.sources, *around.sources())
+    checksum = inputs_hash(arrivals, sources, SERIES, settings)
+    with closing(Catalogue.open(settings.catalogue_url, create=True)) as catalogue:
+        same = catalogue.find_solution(given.burst.burst_id, SERIES, checksum, "0.2.0")
+        if same is not None:
+            return same, catalogue.track_fit(same.solution_id), False
+        track, drawn = fitted_track(posterior, arrivals, SERIES, settings, around)
+        solution = publish(Draft(given.burst, SERIES, checksum, drawn, track, sources), catalogue, settings)
+        assert catalogue.sources(solution.solution_id) == sources
+        return solution, catalogue.track_fit(solution.solution_id), True
+
+
+def test_wind_and_regions_reach_the_solution_and_its_figure(
+    localised: tuple[pd.DataFrame, xr.Dataset], settings: Settings, tmp_path: Path
+) -> None:
+    _, track, _ = published(localised, settings)
+
+    wind, foot = track["companions"]["wind"], track["companions"]["footpoint"]
+    assert [one["measured_km_s"] for one in wind["observatories"]] == [400.0, 400.0, 480.0]
+    assert all(400 < one["v_sw_km_s"]["mean"] < 480 for one in wind["observatories"])
+    assert {one["observatory"]: one["v_sw_km_s"] for one in foot["connections"]}["WIND"] == 480.0
+    assert {row["name"] for row in foot["regions"]["rows"]} >= {"CH1", "11494"}
+    assert has_wind(track)
+    draw_wind(tmp_path / "wind.png", localised[1], track, surroundings_of(START, settings))
+    assert (tmp_path / "wind.png").read_bytes()[:4] == b"\x89PNG"
+
+
+def test_new_wind_makes_a_new_version_and_the_same_wind_does_not(
+    localised: tuple[pd.DataFrame, xr.Dataset], settings: Settings, tmp_path: Path
+) -> None:
+    first = published(localised, settings)[0]
+    assert published(localised, settings)[2] is False
+    hours(tmp_path / "in-situ" / "omni_newer.lst", 520.0)
+    second, track, new = published(localised, settings)
+    assert new
+    assert (first.version, second.version) == (1, 2)
+    assert track["companions"]["wind"]["observatories"][2]["measured_km_s"] == 520.0
+    (tmp_path / "regions" / "20120608SRS.txt").write_text(SUMMARY.replace("N15W36", "N15W37"))
+    assert published(localised, settings)[0].version == 3
+
+
+def test_nothing_measured_is_said_and_stops_nothing(
+    localised: tuple[pd.DataFrame, xr.Dataset], settings: Settings, tmp_path: Path
+) -> None:
+    (tmp_path / "empty").mkdir()
+    (tmp_path / "damaged").mkdir()
+    (tmp_path / "damaged" / "omni.lst").write_bytes(b"\x89PNG\r\n\x1a\n\x00\xff")
+    (tmp_path / "damaged" / "20120608SRS.txt").write_bytes(b"\x00\xff")
+    reasons = {"empty": "add hourly lists", "nowhere": "name it in BELLA_IN_SITU", "damaged": "omni.lst is left out"}
+    for name, reason in reasons.items():
+        poor = settings.model_copy(update={"in_situ": tmp_path / name, "regions": tmp_path / name})
+        around = surroundings_of(START, poor)
+        assert around.sources() == ()
+        track, _ = fitted_track(localised[1], localised[0], SERIES, poor, around)
+        wind, foot = track["companions"]["wind"], track["companions"]["footpoint"]
+        assert wind == {"flags": ["not_computed"], "reason": wind["reason"]}
+        assert reason in wind["reason"]
+        assert foot["regions"]["flags"] == ["not_computed"]
+        assert not any(one["measured"] for one in foot["connections"])
+        assert not has_wind(track)
+
+
+def test_too_few_hours_are_no_wind(localised: tuple[pd.DataFrame, xr.Dataset], tmp_path: Path) -> None:
+    (tmp_path / "omni.lst").write_text("2012 159 19 649\n")
+    around = surroundings_of(START, Settings(in_situ=tmp_path))
+    track, _ = fitted_track(localised[1], localised[0], SERIES, Settings(draws=200), around)
+    assert "at least 24 are needed" in track["companions"]["wind"]["reason"]
+    assert track["companions"]["footpoint"]["connections"][0]["v_sw_km_s"] == 649.0
+
+
+def test_a_day_is_done_again_when_its_wind_is_new(settings: Settings, tmp_path: Path) -> None:
+    files = DayFiles(date(2012, 6, 7), (), (), "0" * 64)
+    nothing = Settings(home=tmp_path)
+    assert with_surroundings(files, nothing) == files
+    before = with_surroundings(files, settings).inputs_hash
+    assert before != files.inputs_hash
+    later = replace(files, day=date(2012, 10, 1))
+    assert with_surroundings(later, settings).inputs_hash == later.inputs_hash, "nothing is known of October"
+    hours(tmp_path / "in-situ" / "psp.lst", 300.0)
+    assert with_surroundings(files, settings).inputs_hash != before
+
+
+def test_run_of_the_published_burst_with_its_wind(sandbox: Sandbox, tmp_path: Path, reference_files: Path) -> None:
+    folder = tmp_path / "in-situ"
+    folder.mkdir()
+    lists_of(folder, reference_files)
+
+    sandbox.run(BELLA, "run", BELLA_IN_SITU=str(folder))
+
+    with closing(Catalogue.open(f"sqlite:///{sandbox.home / 'catalogue.sqlite'}")) as catalogue:
+        solution = next(one for one in catalogue.versions(EVENT.burst_id) if one.series.edge == "gauss_hermite")
+        track = catalogue.track_fit(solution.solution_id)
+    rmse = {one["observatory"]: one["rmse_km_s"] for one in track["companions"]["wind"]["observatories"]}
+    assert rmse == pytest.approx({"WIND": 34, "STEREO-A": 111, "STEREO-B": 96}, abs=3)
+    assert Settings(home=sandbox.home).fit_figure(EVENT.burst_id, solution.solution_id, "wind").is_file()
+    assert "set BELLA_REGIONS" in track["companions"]["footpoint"]["regions"]["reason"]

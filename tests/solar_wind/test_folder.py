@@ -1,0 +1,140 @@
+"""Folders of published files: which are used, what they hold, and what is said where there is none."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from bella.exceptions import InputError
+from bella.solar_wind import hourly_speeds
+from bella.solar_wind.folder import InSitu, regions_around, speeds_around
+from tests.solar_wind.test_context import HOLES, SUMMARY
+
+BURST = np.datetime64("2012-06-07T19:30", "ns")
+FIRST_HOUR = np.datetime64("2012-05-01T00", "h")
+
+
+def hours(path: Path, speed_km_s: float, days: int = 90) -> None:
+    """Write a list with one speed."""
+    utc = FIRST_HOUR + np.arange(24 * days)
+    day = (utc.astype("datetime64[D]") - np.datetime64("2012-01-01")).astype(int) + 1
+    hour = (utc - utc.astype("datetime64[D]")).astype(int)
+    path.parent.mkdir(exist_ok=True)
+    path.write_text("".join(f"2012 {d} {h} {speed_km_s:g}\n" for d, h in zip(day, hour, strict=True)))
+
+
+def digests(found: InSitu) -> list[str]:
+    return [file.sha256 for file in found.used]
+
+
+def test_name_of_a_file_says_whose_speeds_it_holds(tmp_path: Path) -> None:
+    for name in ("omni2_2012.lst", "STA_2012.txt", "stereo-b-2012.dat", "below/psp.lst"):
+        hours(tmp_path / name, 400.0)
+    for name in ("notes.txt", "omni2_2012.fmt", "voyager.lst"):
+        (tmp_path / name).write_text("no speeds\n")
+
+    found = speeds_around(tmp_path, BURST)
+
+    assert list(found.speeds) == ["PSP", "STEREO-A", "STEREO-B", "WIND"]
+    assert (found.left_out, found.reason) == ((), "")
+    assert found.speeds["WIND"].index.min() >= BURST - np.timedelta64(14, "D")
+    assert found.speeds["WIND"].index.max() <= BURST + np.timedelta64(14, "D")
+    assert found.at(BURST) == dict.fromkeys(found.speeds, 400.0)
+    assert found.at(BURST + np.timedelta64(30, "D")) == {}
+
+
+def test_a_damaged_file_costs_its_spacecraft_only_and_is_named(tmp_path: Path) -> None:
+    hours(tmp_path / "omni.lst", 400.0)
+    (tmp_path / "sta.lst").write_text("<html>not found</html>\n")
+
+    found = speeds_around(tmp_path, BURST)
+
+    assert list(found.speeds) == ["WIND"]
+    (said,) = found.left_out
+    assert said.startswith("sta.lst is left out: sta.lst cannot be read")
+    assert "\n" not in said
+
+
+def test_checksum_is_that_of_the_hours_of_the_rotation(tmp_path: Path) -> None:
+    path = tmp_path / "omni.lst"
+    hours(path, 400.0)
+    before = digests(speeds_around(tmp_path, BURST))
+    path.write_text(path.read_text() + "2012 300 5 500\n")
+    assert digests(speeds_around(tmp_path, BURST)) == before, "an hour of October says nothing of June"
+    hours(tmp_path / "omni_corrected.lst", 410.0, days=45)
+    corrected = speeds_around(tmp_path, BURST)
+    assert digests(corrected) != before
+    assert corrected.speeds["WIND"].iloc[0] == 410.0, "of two files the last one counts"
+
+
+@pytest.mark.parametrize(
+    ("folder", "reason"),
+    [(None, "set BELLA_IN_SITU"), ("nowhere", "is not there"), ("empty", "add hourly lists"), ("old", "2012-06-07")],
+)
+def test_no_speeds_say_what_to_do(tmp_path: Path, folder: str | None, reason: str) -> None:
+    (tmp_path / "empty").mkdir()
+    hours(tmp_path / "old" / "omni.lst", 400.0, days=5)
+
+    found = speeds_around(None if folder is None else tmp_path / folder, BURST)
+
+    assert found.speeds == {}
+    assert reason in found.reason
+    assert "\n" not in found.reason
+
+
+def test_yearly_file_of_omni_is_read_as_it_is_published(tmp_path: Path) -> None:
+    words = [f"{number}.5" for number in range(55)]
+    words[:3], words[24] = ["2012", "159", "19"], "649."
+    path = tmp_path / "omni2_2012.dat"
+    path.write_text("  ".join(words) + "\n" + "  ".join([*words, "0.007"][:56]).replace(" 19 ", " 20 ") + "\n")
+    with pytest.raises(InputError, match="cannot be read"):
+        hourly_speeds(path)
+    path.write_text("  ".join(words) + "\n")
+    speeds = hourly_speeds(path)
+    assert (speeds.index[0], speeds.iloc[0]) == (np.datetime64("2012-06-07T19"), 649.0)
+
+
+def test_nearest_files_of_regions_are_taken(tmp_path: Path) -> None:
+    (tmp_path / "2012_SRS").mkdir()
+    (tmp_path / "2012_SRS" / "20120608SRS.txt").write_text(SUMMARY)
+    (tmp_path / "2012_SRS" / "20120607SRS.txt").write_text("an older one, not read\n")
+    (tmp_path / "coronal-holes-20120607T1200.csv").write_text(HOLES)
+
+    found = regions_around(tmp_path, BURST)
+
+    assert [file.name for file in found.used] == ["20120608SRS.txt", "coronal-holes-20120607T1200.csv"]
+    assert {region.kind for region in found.regions} == {"active region", "coronal hole"}
+    assert (found.left_out, found.reason) == ((), "")
+
+
+def test_a_damaged_summary_gives_way_to_the_next(tmp_path: Path) -> None:
+    (tmp_path / "20120608SRS.txt").write_text("cut\n")
+    (tmp_path / "20120607SRS.txt").write_text(SUMMARY.replace("2012 Jun 08", "2012 Jun 07"))
+
+    found = regions_around(tmp_path, BURST)
+
+    assert [file.name for file in found.used] == ["20120607SRS.txt"]
+    assert found.left_out[0].startswith("20120608SRS.txt is left out")
+    assert {region.utc for region in found.regions} == {np.datetime64("2012-06-07", "ns")}
+
+
+@pytest.mark.parametrize(
+    ("name", "reason"),
+    [
+        (None, "set BELLA_REGIONS"),
+        ("nowhere", "is not there"),
+        ("empty", "20120608SRS.txt"),
+        ("damaged", "20120608SRS.txt is left out"),
+    ],
+)
+def test_no_regions_say_what_to_do(tmp_path: Path, name: str | None, reason: str) -> None:
+    (tmp_path / "empty").mkdir()
+    (tmp_path / "empty" / "20120601SRS.txt").write_text(SUMMARY)
+    (tmp_path / "empty" / "99999999SRS.txt").write_text(SUMMARY)
+    (tmp_path / "damaged").mkdir()
+    (tmp_path / "damaged" / "20120608SRS.txt").write_text("cut\n")
+
+    found = regions_around(None if name is None else tmp_path / name, BURST)
+
+    assert found.regions == ()
+    assert reason in found.reason
