@@ -5,7 +5,7 @@ Read by the command line, the flows, the API and the migrations only; the scienc
 
 from pathlib import Path
 
-from pydantic import Field, NonNegativeInt, PositiveFloat, PositiveInt
+from pydantic import Field, NonNegativeInt, PositiveFloat, PositiveInt, field_validator
 from pydantic_settings import BaseSettings, SettingsConfigDict
 
 FIT_FIGURES = ("polar-fit", "density")
@@ -72,6 +72,12 @@ class Settings(BaseSettings):
         description="Folder of NOAA's Solar Region Summaries and of tables of coronal holes. Without it no source "
         "regions are given.",
     )
+
+    @field_validator("in_situ", "regions", mode="before")
+    @classmethod
+    def _unset_where_empty(cls, folder: object) -> object:
+        """An empty variable is none: the path of an empty name would be the working folder."""
+        return folder or None
 
     @property
     def catalogue_url(self) -> str:

@@ -157,7 +157,7 @@ def test_example_of_env_names_every_variable_with_its_default() -> None:
     assert set(named) == left_open | set(filled_in)
     for name in left_open:
         default = Settings.model_fields[name.removeprefix("BELLA_").lower()].default
-        assert type(default)(named[name]) == default
+        assert (type(default)(named[name]) if default is not None else named[name] or None) == default
     assert named["BELLA_DB_PASSWORD"] == ""
     assert {named[name] for name in filled_in if name != "BELLA_DB_PASSWORD"} == {"127.0.0.1", "8000"}
 

@@ -40,6 +40,12 @@ def test_the_catalogue_is_a_file_in_the_home_folder_unless_a_database_is_named(m
     assert Settings(home=tmp_path).catalogue_url == url
 
 
+def test_an_empty_variable_names_no_folder(monkeypatch) -> None:
+    monkeypatch.setenv("BELLA_IN_SITU", "")
+    monkeypatch.setenv("BELLA_REGIONS", "")
+    assert (Settings().in_situ, Settings().regions) == (None, None)
+
+
 def test_everything_is_kept_below_the_home_folder(tmp_path) -> None:
     settings = Settings(home=tmp_path)
     roots = [settings.store_root, settings.figures_root, settings.incoming_root, settings.cache_root]

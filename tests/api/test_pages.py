@@ -80,7 +80,7 @@ def test_track_section_has_a_column_per_method_and_says_why_they_differ(client: 
         "Piecewise: a spiral needs 3 positions; add frequencies",
         "Gauss-Hermite edge 29.0 ± 4.4° and 440 ± 80 km/s, Half-maximum edge 13.0 ± 4.4° and 2090 ± 380 km/s",
         "Stonyhurst 29° (68 %: 24 to 33°, 95 %: 20 to 38°); Carrington 211°",
-        "WIND 33° (12 to 53°), VOYAGER not known",
+        "WIND 33° by 400 km/s, assumed (12 to 53°), VOYAGER not known",
     ):
         assert words in section, words
     assert "<img" not in section, "a run that was killed before it drew has no figures"

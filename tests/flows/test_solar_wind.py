@@ -1,4 +1,4 @@
-"""Wind and Sun around a burst in a run: what the folders hold reaches its solution, and new files make a new version."""
+"""Wind and Sun around a burst in a run: what the folders hold reaches its solution; new files make a new version."""
 
 from contextlib import closing
 from dataclasses import replace
