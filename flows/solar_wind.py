@@ -29,7 +29,7 @@ from bella.solar_wind.folder import (
     speeds_around,
 )
 from bella.solar_wind.wind_companion import TrackSpiral, line_of_track, wind_companion
-from bella.spacecraft import position_hee
+from bella.spacecraft import coverage, position_hee
 from bella.tracks import JointFit
 from bella.units import FloatArray
 
@@ -241,5 +241,6 @@ def draw_wind(path: Path, posterior: xr.Dataset, track: Mapping[str, Any], aroun
         drawn = spiral.at(np.linspace(*LINE_RSUN, 200))
         if "phi0_deg" in track["companions"]["wind"]["field_line"]:
             line = line_of_track(found.wind, spiral, found.rotation_period_d)
-    receivers = {name: position_hee(name, [utc], utc)[0] for name in found.rmse_km_s}
+    known = [name for name in found.rmse_km_s if coverage(name).start <= utc <= coverage(name).stop]
+    receivers = {name: position_hee(name, [utc], utc)[0] for name in known}
     write_wind_map_png(path, found.wind, WindScene(utc, _sources_rsun(posterior), line, receivers, drawn))

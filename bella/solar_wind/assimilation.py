@@ -150,7 +150,7 @@ def _binned(name: str, series: pd.Series, around_utc: np.datetime64) -> pd.DataF
     means = pd.DataFrame({"span": span, "s": seconds, "speed_km_s": speed}).groupby("span").mean()
     middle = utc[0] + np.rint(means["s"].to_numpy() * 1e9).astype("timedelta64[ns]")
     place = position(name, middle, "carrington")
-    return pd.DataFrame(
+    frame = pd.DataFrame(
         {
             "observatory": name,
             "range_rsun": np.linalg.norm(place, axis=1),
@@ -158,6 +158,7 @@ def _binned(name: str, series: pd.Series, around_utc: np.datetime64) -> pd.DataF
             "speed_km_s": means["speed_km_s"].to_numpy(),
         }
     )
+    return frame[frame["range_rsun"].between(INNER_RSUN, OUTER_RSUN)]  # near the Sun there is no wind to compare with
 
 
 def _predicted(seen: pd.DataFrame, boundaries: FloatArray, rotation_period_d: float) -> FloatArray:

@@ -19,6 +19,7 @@ from bella.exceptions import InputError, NoDataError
 from bella.solar_wind.assimilation import HALF_ROTATION
 from bella.solar_wind.observations import hourly_speeds
 from bella.solar_wind.source_regions import SourceRegion, read_active_regions, read_coronal_holes
+from bella.spacecraft import coverage
 
 BEGINNINGS = {
     "omni": "WIND",
@@ -145,6 +146,7 @@ def speeds_around(folder: Path | None, utc: np.datetime64, half: np.timedelta64 
     for path, observatory in _speed_files(folder):
         try:
             series = _within(_hourly(path, path.stat().st_mtime_ns, path.stat().st_size), utc, half)
+            series = _placed(series, observatory)
         except (InputError, NoDataError, OSError) as error:
             left_out.append(f"{path.name} is left out: {error}")
             continue
@@ -174,6 +176,15 @@ def _hourly(path: Path, _changed_ns: int, _size: int) -> pd.Series:
 def _within(series: pd.Series, utc: np.datetime64, half: np.timedelta64) -> pd.Series:
     hours = series.index.to_numpy()
     return series[(hours >= utc - half) & (hours < utc + half)]
+
+
+def _placed(series: pd.Series, observatory: str) -> pd.Series:
+    """Speeds at hours at which the ephemeris knows where the spacecraft was."""
+    known, hours = coverage(observatory), series.index.to_numpy()
+    placed = series[(hours >= known.start) & (hours <= known.stop)]
+    if len(series) and not len(placed):
+        raise NoDataError(f"no position of {observatory} is known then; bella update-ephemeris may bring it")
+    return placed
 
 
 def _joined(parts: list[pd.Series]) -> pd.Series:

@@ -125,8 +125,12 @@ def wind_companion(found: WindAssimilation, in_situ: InSitu, spiral: TrackSpiral
 def _at_spacecraft(name: str, found: WindAssimilation, winds: Sequence[SteadyWind], in_situ: InSitu) -> dict[str, Any]:
     """What a spacecraft measured at the burst, and what the wind is there."""
     measured = in_situ.at(found.around_utc).get(name)
-    here = position_hee(name, [found.around_utc], found.around_utc)
-    (model,) = _speeds(found.wind, winds, here, found.around_utc)
+    model: dict[str, float | None]
+    try:
+        here = position_hee(name, [found.around_utc], found.around_utc)
+        (model,) = _speeds(found.wind, winds, here, found.around_utc)
+    except NoDataError:  # the ephemeris may end within the rotation
+        model = {"mean": None, "sd": None}
     return {
         "observatory": name,
         "hours": int(in_situ.speeds[name].size),

@@ -130,7 +130,7 @@ def test_a_day_is_done_again_when_its_wind_is_new(settings: Settings, tmp_path: 
     assert before != files.inputs_hash
     later = replace(files, day=date(2012, 10, 1))
     assert with_surroundings(later, settings).inputs_hash == later.inputs_hash, "nothing is known of October"
-    hours(tmp_path / "in-situ" / "psp.lst", 300.0)
+    hours(tmp_path / "in-situ" / "wind-2.lst", 300.0)
     assert with_surroundings(files, settings).inputs_hash != before
 
 

@@ -58,6 +58,19 @@ def test_where_nothing_is_measured_the_climate_stays() -> None:
     assert found.boundary_km_s[found.boundary_sd_km_s.argmax()] == pytest.approx(350, abs=5)
 
 
+def test_speeds_measured_inside_the_inner_boundary_do_no_harm() -> None:
+    """Parker Solar Probe, whose perihelion of 2021-08-09 was at 16 solar radii."""
+    around = np.datetime64("2021-08-09T19:00", "ns")
+    hours = pd.DatetimeIndex(around + np.arange(-24 * 14, 24 * 14) * np.timedelta64(1, "h"))
+    speeds = {name: pd.Series(400.0, index=hours) for name in ("WIND", "PSP")}
+    assert np.linalg.norm(position("PSP", [around], "hee")[0]) < 30
+
+    found = assimilate_wind(speeds, around)
+
+    assert np.isfinite(found.boundary_km_s).all()
+    assert found.rmse_km_s["WIND"] < 10
+
+
 @pytest.mark.parametrize("speeds", [{}, {"WIND": pd.Series([400.0], index=pd.DatetimeIndex([AROUND]))}])
 def test_too_few_speeds_are_no_wind(speeds: dict[str, pd.Series]) -> None:
     with pytest.raises(NoDataError, match="at least 24 are needed"):

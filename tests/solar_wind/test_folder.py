@@ -28,14 +28,14 @@ def digests(found: InSitu) -> list[str]:
 
 
 def test_name_of_a_file_says_whose_speeds_it_holds(tmp_path: Path) -> None:
-    for name in ("omni2_2012.lst", "STA_2012.txt", "stereo-b-2012.dat", "below/psp.lst"):
+    for name in ("omni2_2012.lst", "STA_2012.txt", "below/stereo-b-2012.dat"):
         hours(tmp_path / name, 400.0)
     for name in ("notes.txt", "omni2_2012.fmt", "voyager.lst"):
         (tmp_path / name).write_text("no speeds\n")
 
     found = speeds_around(tmp_path, BURST)
 
-    assert list(found.speeds) == ["PSP", "STEREO-A", "STEREO-B", "WIND"]
+    assert list(found.speeds) == ["STEREO-A", "STEREO-B", "WIND"]
     assert (found.left_out, found.reason) == ((), "")
     assert found.speeds["WIND"].index.min() >= BURST - np.timedelta64(14, "D")
     assert found.speeds["WIND"].index.max() <= BURST + np.timedelta64(14, "D")
@@ -53,6 +53,18 @@ def test_a_damaged_file_costs_its_spacecraft_only_and_is_named(tmp_path: Path) -
     (said,) = found.left_out
     assert said.startswith("sta.lst is left out: sta.lst cannot be read")
     assert "\n" not in said
+
+
+def test_speeds_of_a_spacecraft_whose_place_is_not_known_are_left_out(tmp_path: Path) -> None:
+    hours(tmp_path / "omni.lst", 400.0)
+    hours(tmp_path / "psp.lst", 300.0)  # six years before its launch
+
+    found = speeds_around(tmp_path, BURST)
+
+    assert list(found.speeds) == ["WIND"]
+    assert found.left_out == (
+        "psp.lst is left out: no position of PSP is known then; bella update-ephemeris may bring it",
+    )
 
 
 def test_checksum_is_that_of_the_hours_of_the_rotation(tmp_path: Path) -> None:

@@ -2,6 +2,7 @@
 
 import json
 from dataclasses import replace
+from functools import cache
 from pathlib import Path
 
 import numpy as np
@@ -24,6 +25,7 @@ def measured(tmp_path_factory: pytest.TempPathFactory, reference_files: Path) ->
     return assimilate_wind(speeds, AROUND), InSitu(speeds, (), ())
 
 
+@cache
 def constant(speed_km_s: float) -> tuple[WindAssimilation, InSitu]:
     """A wind of one speed at its inner boundary, as Earth alone measured it."""
     index = pd.DatetimeIndex(AROUND + np.arange(-24 * 14, 24 * 14) * np.timedelta64(1, "h"))
