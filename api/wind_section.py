@@ -58,13 +58,17 @@ def _row(one: Fit) -> tuple[str, str, str, str]:
 
 
 def _note(wind: Fit) -> str:
-    left_out = "".join(f" {one}." for one in wind.get("left_out", ()))
+    left_out = _left_out(wind)
     inner = wind["boundary"]["range_rsun"]
     return (
         f"Hourly speeds of {wind['days']:.0f} days around the burst, carried back to {inner:.0f} R☉ and out again as a "
         "wind that turns with the Sun. Errors follow from 10 % of each speed, taken as independent; a transient, which "
         f"such a wind cannot have, shows in the misfit.{left_out}"
     )
+
+
+def _left_out(one: Fit) -> str:
+    return "".join(f" {words[0].upper()}{words[1:]}." for words in one.get("left_out", ()))
 
 
 def track_wind_words(track: Fit) -> str:
@@ -101,8 +105,8 @@ def _line(line: Fit, joint: Fit) -> str:
     verdict = "more than" if abs(apart) > APART_SD * sd else "within what"
     turned = f"{_whole(abs(apart))}° {'west' if apart >= 0 else 'east'} of the spiral"
     return (
-        f"The field line of this wind through the middle of the track, at {line['through_rsun']:.0f} R☉, meets the Sun "
-        f"at {_whole(line['phi0_deg']['mean'])}°, {turned}, {verdict} their errors allow."
+        f"The field line of this wind through the spiral at {line['through_rsun']:.0f} R☉, the middle of the track, "
+        f"meets the Sun at {_whole(line['phi0_deg']['mean'])}°, {turned}, {verdict} their errors allow."
     )
 
 
@@ -147,7 +151,7 @@ def _regions(regions: Fit) -> str:
     """Regions near a footpoint; where none were asked for, the page has nothing to say."""
     if "rows" not in regions:
         return ""
-    left_out = "".join(f" {one}." for one in regions.get("left_out", ()))
+    left_out = _left_out(regions)
     if not regions["rows"]:
         return f" No active region or coronal hole is listed.{left_out}"
     each = "; ".join(_region(one) for one in regions["rows"])

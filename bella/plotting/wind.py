@@ -102,7 +102,7 @@ def _draw_track(axes: Axes, scene: WindScene) -> None:
     if line is not None:
         angle = np.radians(line.longitude_deg)
         x, y = line.range_rsun * np.cos(angle), line.range_rsun * np.sin(angle)
-        axes.plot(x, y, color=INK, lw=1.4, ls="--", zorder=5, label="field line through the source")
+        axes.plot(x, y, color=INK, lw=1.4, ls="--", zorder=5, label="field line of this wind")
     if len(scene.spiral_rsun):
         x, y = scene.spiral_rsun[:, 0], scene.spiral_rsun[:, 1]
         axes.plot(x, y, color=TRACK_STYLES[3].colour, lw=1.4, ls=":", zorder=5, label="spiral of the joint fit")

@@ -148,13 +148,19 @@ def speeds_around(folder: Path | None, utc: np.datetime64, half: np.timedelta64 
             series = _within(_hourly(path, path.stat().st_mtime_ns, path.stat().st_size), utc, half)
             series = _placed(series, observatory)
         except (InputError, NoDataError, OSError) as error:
-            left_out.append(f"{path.name} is left out: {error}")
+            left_out.append(_why(path, error))
             continue
         if len(series):
             parts.setdefault(observatory, []).append((path, series))
     speeds = {name: _joined([series for _, series in parts[name]]) for name in sorted(parts)}
     used = tuple(_used_speeds(name, [path for path, _ in parts[name]], speeds[name]) for name in speeds)
     return InSitu(speeds, used, tuple(left_out), "" if speeds else _no_speeds(folder, utc, left_out))
+
+
+def _why(path: Path, error: Exception) -> str:
+    """Why a file is left out, in one line that begins with its name."""
+    said = (error.strerror or "cannot be read") if isinstance(error, OSError) else str(error)
+    return f"left out: {said if said.startswith(path.name) else f'{path.name}, {said}'}"
 
 
 def _speed_files(folder: Path) -> list[tuple[Path, str]]:
@@ -236,7 +242,7 @@ def regions_around(folder: Path | None, utc: np.datetime64, within: np.timedelta
                 found = read_active_regions(path) if kind == "solar_region_summary" else read_coronal_holes(path, time)
                 used.append(UsedFile(kind, path.name, hashlib.sha256(path.read_bytes()).hexdigest()))
             except (InputError, OSError) as error:
-                left_out.append(f"{path.name} is left out: {error}")
+                left_out.append(_why(path, error))
                 continue
             regions += found
             break

@@ -38,7 +38,7 @@ WIND = {
         for distance in (30.0, 100.0, 150.0)
     ],
     "field_line": {"through_rsun": 61.4, "phi0_deg": {"mean": 31.8, "sd": 0.8}, "apart_deg": 2.9, "flags": []},
-    "left_out": ["sta.lst is left out: sta.lst cannot be read"],
+    "left_out": ["left out: sta.lst cannot be read"],
     "flags": [],
 }
 REGIONS = {
@@ -85,7 +85,7 @@ def test_page_and_api_show_the_wind(page_of: Callable[[dict[str, Any]], tuple[st
         '<tr><th scope="row">WIND</th><td class="value">649</td><td class="value">594 ± 9</td>',
         '<td class="value">108 → 35</td>',
         '<tr><th scope="row">PSP</th><td class="value">–</td><td class="value">–</td>',  # noqa: RUF001
-        "sta.lst is left out",
+        "Left out: sta.lst cannot be read.",
     ):
         assert words in text, words
     (address,) = re.findall(r'<img src="(/api/[^"]+/figures/wind)"', text)

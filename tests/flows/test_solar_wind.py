@@ -100,7 +100,11 @@ def test_nothing_measured_is_said_and_stops_nothing(
     (tmp_path / "damaged").mkdir()
     (tmp_path / "damaged" / "omni.lst").write_bytes(b"\x89PNG\r\n\x1a\n\x00\xff")
     (tmp_path / "damaged" / "20120608SRS.txt").write_bytes(b"\x00\xff")
-    reasons = {"empty": "add hourly lists", "nowhere": "name it in BELLA_IN_SITU", "damaged": "omni.lst is left out"}
+    reasons = {
+        "empty": "add hourly lists",
+        "nowhere": "name it in BELLA_IN_SITU",
+        "damaged": "left out: omni.lst cannot be read",
+    }
     for name, reason in reasons.items():
         poor = settings.model_copy(update={"in_situ": tmp_path / name, "regions": tmp_path / name})
         around = surroundings_of(START, poor)

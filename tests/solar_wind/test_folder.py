@@ -51,7 +51,7 @@ def test_a_damaged_file_costs_its_spacecraft_only_and_is_named(tmp_path: Path) -
 
     assert list(found.speeds) == ["WIND"]
     (said,) = found.left_out
-    assert said.startswith("sta.lst is left out: sta.lst cannot be read")
+    assert said.startswith("left out: sta.lst cannot be read")
     assert "\n" not in said
 
 
@@ -63,7 +63,7 @@ def test_speeds_of_a_spacecraft_whose_place_is_not_known_are_left_out(tmp_path: 
 
     assert list(found.speeds) == ["WIND"]
     assert found.left_out == (
-        "psp.lst is left out: no position of PSP is known then; bella update-ephemeris may bring it",
+        "left out: psp.lst, no position of PSP is known then; bella update-ephemeris may bring it",
     )
 
 
@@ -126,7 +126,7 @@ def test_a_damaged_summary_gives_way_to_the_next(tmp_path: Path) -> None:
     found = regions_around(tmp_path, BURST)
 
     assert [file.name for file in found.used] == ["20120607SRS.txt"]
-    assert found.left_out[0].startswith("20120608SRS.txt is left out")
+    assert found.left_out[0].startswith("left out: 20120608SRS.txt is not a Solar Region Summary")
     assert {region.utc for region in found.regions} == {np.datetime64("2012-06-07", "ns")}
 
 
@@ -136,7 +136,7 @@ def test_a_damaged_summary_gives_way_to_the_next(tmp_path: Path) -> None:
         (None, "set BELLA_REGIONS"),
         ("nowhere", "is not there"),
         ("empty", "20120608SRS.txt"),
-        ("damaged", "20120608SRS.txt is left out"),
+        ("damaged", "left out: 20120608SRS.txt is not"),
     ],
 )
 def test_no_regions_say_what_to_do(tmp_path: Path, name: str | None, reason: str) -> None:
