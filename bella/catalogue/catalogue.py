@@ -8,12 +8,13 @@ from typing import Any, Self
 
 from sqlalchemy import Engine, text
 
-from bella.catalogue import detections, leases, publication, queries, schema, solutions, submissions
+from bella.catalogue import days, detections, leases, publication, queries, schema, solutions, submissions
 from bella.catalogue.engine import connect, display_name, parse_url, reading
 from bella.catalogue.records import (
     BurstPage,
     BurstQuery,
     BurstSummary,
+    DayPage,
     Detection,
     Localisation,
     Publication,
@@ -196,6 +197,18 @@ class Catalogue:
     def searched_day(self, day: date) -> SearchedDay | None:
         """What a day was searched in; None where it was not."""
         return detections.searched_day(self._engine, day)
+
+    def days(self, first: date | None = None, last: date | None = None, limit: int = 31) -> DayPage:
+        """Searched days of [first, last], the newest first, with what was heard on each; see `days.days`."""
+        return days.days(self._engine, first, last, limit)
+
+    def days_beside(self, day: date) -> tuple[date | None, date | None]:
+        """Searched days before and after a day; see `days.neighbours`."""
+        return days.neighbours(self._engine, day)
+
+    def detections_of(self, day: date) -> tuple[Detection, ...]:
+        """Detections recorded with a day, by onset; see `days.detections_of`."""
+        return days.detections_of(self._engine, day)
 
     def detections(
         self, start: datetime, stop: datetime, observatory: str | None = None, limit: int = 1000

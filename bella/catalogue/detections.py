@@ -3,6 +3,7 @@
 from collections.abc import Sequence
 from dataclasses import asdict
 from datetime import UTC, date, datetime
+from typing import Any
 
 from sqlalchemy import Engine, Row, delete, insert, select
 
@@ -54,6 +55,11 @@ def searched_day(engine: Engine, day: date) -> SearchedDay | None:
         row = connection.execute(select(_DAYS).where(_DAYS.c.day == day)).one_or_none()
     if row is None:
         return None
+    return searched_day_of(row)
+
+
+def searched_day_of(row: Row[Any]) -> SearchedDay:
+    """Record of a row of the searched days."""
     return SearchedDay(row.day, row.inputs_hash, row.code_version, tuple(row.observatories.split()))
 
 
@@ -89,10 +95,11 @@ def detections(
     order = (_DETECTIONS.c.start_utc, _DETECTIONS.c.observatory, _DETECTIONS.c.detection_id)
     with reading(engine) as connection:
         return tuple(
-            _detection(row)
+            detection_of(row)
             for row in connection.execute(select(_DETECTIONS).where(*wanted).order_by(*order).limit(limit))
         )
 
 
-def _detection(row: Row[tuple[object, ...]]) -> Detection:
+def detection_of(row: Row[Any]) -> Detection:
+    """Record of a row of the detections."""
     return Detection(**{name: getattr(row, name) for name in _COLUMNS})

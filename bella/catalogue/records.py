@@ -76,6 +76,31 @@ class Detection:
 
 
 @dataclass(frozen=True)
+class DaySummary:
+    """A searched day with how much was heard on it.
+
+    `detections` belong to bursts and `rejected` ones to none; `shared` bursts were heard by two or more spacecraft,
+    `localised` ones were placed.
+    """
+
+    searched: SearchedDay
+    detections: int
+    rejected: int
+    bursts: int
+    shared: int
+    localised: int
+
+
+@dataclass(frozen=True)
+class DayPage:
+    """Searched days, the newest first; `next_last` is the day to go on with, None at the end, `total` counts all."""
+
+    days: tuple[DaySummary, ...]
+    next_last: date | None
+    total: int
+
+
+@dataclass(frozen=True)
 class Series:
     """The choices that make solutions of one burst comparable as versions of one another."""
 

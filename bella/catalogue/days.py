@@ -1,0 +1,127 @@
+"""Searched days with what was heard on them: the newest first, a stretch at a time."""
+
+from collections.abc import Iterator
+from datetime import UTC, date, datetime, time, timedelta
+
+from sqlalchemy import ColumnElement, Connection, Engine, case, func, select
+
+from bella.catalogue.detections import detection_of, searched_day_of
+from bella.catalogue.engine import reading
+from bella.catalogue.models import DetectionRow, SearchedDayRow, table_of
+from bella.catalogue.records import DayPage, DaySummary, Detection
+from bella.exceptions import InputError
+
+MAX_DAYS = 366
+LOCALISABLE = "localisable"
+_DAYS, _DETECTIONS = table_of(SearchedDayRow), table_of(DetectionRow)
+_REACH = timedelta(days=1)
+"""No onset is farther from the day of its burst; onsets have an index, days of detections have none."""
+
+
+def days(engine: Engine, first: date | None, last: date | None, limit: int) -> DayPage:
+    """Searched days of [first, last], the newest first, with what was heard on each.
+
+    Parameters
+    ----------
+    engine : sqlalchemy.Engine
+        Engine of the catalogue.
+    first, last : datetime.date or None
+        None for no bound.
+    limit : int
+        Most that are returned, 1 to `MAX_DAYS`.
+
+    Returns
+    -------
+    DayPage
+
+    Raises
+    ------
+    InputError
+        If the limit is not valid.
+    """
+    if not 1 <= limit <= MAX_DAYS:
+        raise InputError(f"limit is {limit}: give 1 to {MAX_DAYS}")
+    wanted = [_DAYS.c.day >= first] if first is not None else []
+    wanted += [_DAYS.c.day <= last] if last is not None else []
+    page = select(_DAYS).where(*wanted).order_by(_DAYS.c.day.desc()).limit(limit + 1)
+    with reading(engine) as connection:
+        total = connection.execute(select(func.count()).select_from(_DAYS).where(*wanted)).scalar_one()
+        rows = connection.execute(page).all()
+        shown = rows[:limit]
+        counts = dict(_counts(connection, shown[-1].day, shown[0].day)) if shown else {}
+    summaries = tuple(DaySummary(searched_day_of(row), *counts.get(row.day, (0,) * 5)) for row in shown)
+    return DayPage(summaries, shown[-1].day - timedelta(days=1) if len(rows) > limit else None, total)
+
+
+def _counts(connection: Connection, first: date, last: date) -> Iterator[tuple[date, tuple[int, ...]]]:
+    """Of each day with a detection: accepted and rejected detections, bursts, those shared, those localised."""
+    columns = _DETECTIONS.c
+    by_burst = (
+        select(
+            columns.day,
+            columns.burst_id,
+            func.count().label("detections"),
+            func.count(columns.observatory.distinct()).label("observatories"),
+            func.max(case((columns.tier == LOCALISABLE, 1), else_=0)).label("localised"),
+        )
+        .where(columns.day.between(first, last), *_onsets_near(first, last))
+        .group_by(columns.day, columns.burst_id)
+        .subquery()
+    )
+    heard = by_burst.c
+    is_burst, is_shared = heard.burst_id != "", heard.observatories > 1
+    counted = select(
+        heard.day,
+        func.sum(case((is_burst, heard.detections), else_=0)),
+        func.sum(case((is_burst, 0), else_=heard.detections)),
+        func.sum(case((is_burst, 1), else_=0)),
+        func.sum(case((is_burst & is_shared, 1), else_=0)),
+        func.sum(case((is_burst, heard.localised), else_=0)),
+    ).group_by(heard.day)
+    for day, *numbers in connection.execute(counted):
+        yield day, tuple(map(int, numbers))  # PostgreSQL sums to a Decimal
+
+
+def _onsets_near(first: date, last: date) -> tuple[ColumnElement[bool], ...]:
+    start, stop = (datetime.combine(day, time(), UTC) for day in (first - _REACH, last + 2 * _REACH))
+    return _DETECTIONS.c.start_utc >= start, _DETECTIONS.c.start_utc < stop
+
+
+def detections_of(engine: Engine, day: date) -> tuple[Detection, ...]:
+    """Detections recorded with a day, by onset: with those of its bursts that another spacecraft heard past midnight.
+
+    Parameters
+    ----------
+    engine : sqlalchemy.Engine
+        Engine of the catalogue.
+    day : datetime.date
+
+    Returns
+    -------
+    tuple of Detection
+    """
+    columns = _DETECTIONS.c
+    order = (columns.start_utc, columns.observatory, columns.detection_id)
+    wanted = select(_DETECTIONS).where(columns.day == day, *_onsets_near(day, day)).order_by(*order)
+    with reading(engine) as connection:
+        return tuple(detection_of(row) for row in connection.execute(wanted))
+
+
+def neighbours(engine: Engine, day: date) -> tuple[date | None, date | None]:
+    """Searched days before and after a day, whether or not it was searched itself.
+
+    Parameters
+    ----------
+    engine : sqlalchemy.Engine
+        Engine of the catalogue.
+    day : datetime.date
+
+    Returns
+    -------
+    before, after : datetime.date or None
+        None where there is none.
+    """
+    before = select(func.max(_DAYS.c.day)).where(_DAYS.c.day < day)
+    after = select(func.min(_DAYS.c.day)).where(_DAYS.c.day > day)
+    with reading(engine) as connection:
+        return connection.execute(before).scalar_one(), connection.execute(after).scalar_one()
