@@ -3,6 +3,7 @@
 Read by the command line, the flows, the API and the migrations only; the science takes arguments.
 """
 
+from datetime import date
 from pathlib import Path
 
 from pydantic import Field, NonNegativeInt, PositiveFloat, PositiveInt, field_validator
@@ -91,13 +92,17 @@ class Settings(BaseSettings):
 
     @property
     def figures_root(self) -> Path:
-        """Folder of the figures, one folder per burst in it."""
+        """Folder of the figures, one folder per burst in it, and one for the days."""
         return self.home / "figures"
 
     def fit_figure(self, burst_id: str, solution_id: str, name: str) -> Path:
         """File of one of `FIT_FIGURES`, or of `WIND_FIGURE`, which like its solution never changes."""
         series = solution_id.removeprefix(f"{burst_id}.")
         return self.figures_root / burst_id / f"{name}-{series}.png"
+
+    def day_figure(self, day: date) -> Path:
+        """File of the figure of a searched day, drawn again whenever the day is searched again."""
+        return self.figures_root / "days" / f"{day}.png"
 
     @property
     def mirror_root(self) -> Path:

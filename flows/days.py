@@ -71,8 +71,8 @@ class HeardDay:
     Attributes
     ----------
     files : DayFiles
-    observatories : tuple of str
-        That had data.
+    spectra : tuple of Dataset
+        Over their background, of each spacecraft that had data.
     bursts : tuple of AssociatedBurst
         That begin on the day.
     table : DataFrame
@@ -80,9 +80,14 @@ class HeardDay:
     """
 
     files: DayFiles
-    observatories: tuple[str, ...]
+    spectra: tuple[xr.Dataset, ...]
     bursts: tuple[AssociatedBurst, ...]
     table: pd.DataFrame
+
+    @property
+    def observatories(self) -> tuple[str, ...]:
+        """Spacecraft that had data."""
+        return tuple(str(one.attrs["observatory"]) for one in self.spectra)
 
 
 def day_files(day: date, mirrored: Iterable[DayInMirror]) -> DayFiles:
@@ -156,18 +161,32 @@ def hear(files: DayFiles) -> HeardDay:
     NoDataError
         If no file could be read, or none has a record of the day.
     """
-    spectra = _spectra(files)
-    searched = [search(spectrum) for spectrum in spectra.values()]
+    searched = [search(spectrum) for spectrum in day_spectra(files).values()]
     midnight = pd.Timestamp(files.day)
     bursts = [one for one in associate(searched) if midnight <= one.start_utc < midnight + DAY]
     table = association_table(bursts, searched)
     inside = (table["start_utc"] >= midnight) & (table["start_utc"] < midnight + DAY)
-    return HeardDay(
-        files, tuple(spectra), tuple(bursts), table[inside | (table["burst_id"] != "")].reset_index(drop=True)
-    )
+    kept = table[inside | (table["burst_id"] != "")].reset_index(drop=True)
+    return HeardDay(files, tuple(one.over for one in searched), tuple(bursts), kept)
 
 
-def _spectra(files: DayFiles) -> dict[str, xr.Dataset]:
+def day_spectra(files: DayFiles) -> dict[str, xr.Dataset]:
+    """Spectra of a day with what of its neighbours belongs to it, one of each spacecraft that had data.
+
+    Parameters
+    ----------
+    files : DayFiles
+
+    Returns
+    -------
+    dict of str to xarray.Dataset
+        By observatory. A file that cannot be read is left out.
+
+    Raises
+    ------
+    NoDataError
+        If no file could be read, or none has a record of the day.
+    """
     found: list[xr.Dataset] = []
     for path in files.paths:
         try:

@@ -15,11 +15,12 @@ from prefect import flow
 
 import bella
 from bella.bursts.association import LOCALISABLE, AssociatedBurst
-from bella.catalogue import Catalogue
+from bella.catalogue import Catalogue, Detection
 from bella.exceptions import BellaError
 from bella.logs import log_to
 from bella.settings import Settings
 from bella.spectra.archive import DayInMirror, fetch_days, find_datasets, open_archive
+from flows.day_figure import draw_day, redraw_day
 from flows.days import (
     DAY,
     DayFiles,
@@ -98,6 +99,18 @@ def time_burst(day: HeardDay, burst: AssociatedBurst, burst_id: str) -> BurstInp
     return place_burst(day, burst, burst_id)
 
 
+@coarse("day-figure")
+def draw(heard: HeardDay, found: Sequence[Detection], settings: Settings) -> bool:
+    """Draw the spectra of a day with what was found in them."""
+    return draw_day(heard.files.day, heard.spectra, found, settings)
+
+
+@coarse("day-figure")
+def redraw(files: DayFiles, found: Sequence[Detection], settings: Settings) -> bool:
+    """Draw a day that a run before this one has searched and not drawn."""
+    return redraw_day(files, found, settings)
+
+
 @flow(name="process-days", validate_parameters=False)
 def process_days(first: date, last: date, archive: str | None = None, preset: str = PRESET) -> list[DayOutcome]:
     """Process days of the archive.
@@ -144,6 +157,8 @@ def _outcome(files: DayFiles, catalogue: Catalogue, settings: Settings, choice: 
         return DayOutcome(files.day, NO_DATA)
     known = catalogue.searched_day(files.day)
     if known is not None and (known.inputs_hash, known.code_version) == (files.inputs_hash, bella.__version__):
+        if not settings.day_figure(files.day).is_file():
+            redraw(files, catalogue.detections_of(files.day), settings)
         return DayOutcome(files.day, NOTHING_NEW, known.observatories)
     try:
         with catalogue.lease(SEARCH, f"{files.day}", run_name(), settings.lease_s) as lease:
@@ -169,6 +184,7 @@ def _recorded(heard: HeardDay, catalogue: Catalogue, settings: Settings, choice:
             localised += [] if isinstance(placed, str) else placed
         verdicts[burst.burst_id] = (known, reason)
     records = detection_records(heard.table, verdicts)
+    draw(heard, records, settings)
     catalogue.record_day(searched_record(heard.files, heard.observatories), records)
     accepted = sum(1 for one in records if one.burst_id)
     refused = tuple((name, reason) for name, reason in verdicts.values() if reason)

@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     from bella.plotting.calibration import write_calibration_png
     from bella.plotting.coverage import write_coverage_png
     from bella.plotting.day import write_spectrum_png
+    from bella.plotting.fleet import write_day_png
     from bella.plotting.light_curves import write_light_curves_png
     from bella.plotting.printed import write_constellation_png, write_spectra_png
     from bella.plotting.track import write_density_png, write_polar_fit_png
@@ -38,6 +39,7 @@ __all__ = [
     "write_calibration_png",
     "write_constellation_png",
     "write_coverage_png",
+    "write_day_png",
     "write_density_png",
     "write_light_curves_png",
     "write_polar_fit_png",
@@ -52,6 +54,7 @@ _DRAWN_IN = {
     "write_calibration_png": "bella.plotting.calibration",
     "write_constellation_png": "bella.plotting.printed",
     "write_coverage_png": "bella.plotting.coverage",
+    "write_day_png": "bella.plotting.fleet",
     "write_density_png": "bella.plotting.track",
     "write_light_curves_png": "bella.plotting.light_curves",
     "write_polar_fit_png": "bella.plotting.track",

@@ -102,7 +102,7 @@ def draw_boxes(axes: Axes, detections: pd.DataFrame) -> list[Annotation]:
     return [_draw_box(axes, row) for _, row in detections.iterrows()]
 
 
-def explain_boxes(axes: Axes, detections: pd.DataFrame) -> None:
+def explain_boxes(axes: Axes, detections: pd.DataFrame, drop_share: float = 0.075) -> None:
     """Say below the right end of the time axis what the outlines mean, of those that there are.
 
     Parameters
@@ -110,6 +110,8 @@ def explain_boxes(axes: Axes, detections: pd.DataFrame) -> None:
     axes : matplotlib.axes.Axes
     detections : pandas.DataFrame
         As drawn.
+    drop_share : float
+        How far below the axis, as a share of the height of the spectrum.
     """
     handles = [
         Line2D([], [], color=style.text, ls=style.line, lw=style.width, label=TIER_NAMES[tier])
@@ -119,7 +121,7 @@ def explain_boxes(axes: Axes, detections: pd.DataFrame) -> None:
     axes.legend(
         handles=handles,
         loc="upper right",
-        bbox_to_anchor=(1.0, -0.075),
+        bbox_to_anchor=(1.0, -drop_share),
         ncols=max(len(handles), 1),
         fontsize=7.5,
         frameon=False,

@@ -70,7 +70,7 @@ def _day_figure(spectrum: xr.Dataset, detections: pd.DataFrame | None) -> Figure
     time_axis(axes)
     axes.set_xlabel("UTC")
     height = 0.0 if detections is None else _outline(figure, axes, shown_detections(detections, over))
-    _write_title(axes, over, TITLE_LIFT_POINTS + height)
+    write_title(axes, over, TITLE_LIFT_POINTS + height)
     figure.set_figheight(figure.get_figheight() + height / POINTS_PER_INCH)
     return figure
 
@@ -150,13 +150,14 @@ def time_axis(axes: Axes, *, most_ticks: int = 13) -> None:
     axes.xaxis.set_major_formatter(hours)
 
 
-def thinned(over: xr.Dataset) -> xr.Dataset:
+def thinned(over: xr.Dataset, most_records: int = MOST_RECORDS) -> xr.Dataset:
     """What was measured, in no more records than can be told apart on paper.
 
     Parameters
     ----------
     over : xarray.Dataset
         A dynamic spectrum.
+    most_records : int
 
     Returns
     -------
@@ -166,7 +167,7 @@ def thinned(over: xr.Dataset) -> xr.Dataset:
     kept = over[["intensity"]]
     if "interpolated" in over:
         kept = kept.isel(frequency=~over["interpolated"].to_numpy().astype(bool))
-    together = -(-kept.sizes["time"] // MOST_RECORDS)
+    together = -(-kept.sizes["time"] // most_records)
     fewer = kept if together == 1 else kept.coarsen(time=together, boundary="pad").mean()
     return fewer.assign_attrs(over.attrs)
 
@@ -218,7 +219,17 @@ def shown_day(time: npt.NDArray[np.datetime64]) -> str:
     return first if first == last else f"{first} to {last}"
 
 
-def _write_title(axes: Axes, over: xr.Dataset, lift_points: float) -> None:
+def write_title(axes: Axes, over: xr.Dataset, lift_points: float) -> None:
+    """Write above a spectrum whose it is, and how fine.
+
+    Parameters
+    ----------
+    axes : matplotlib.axes.Axes
+    over : xarray.Dataset
+        A dynamic spectrum.
+    lift_points : float
+        Room between the two.
+    """
     name = f"{over.attrs['observatory']}  {over.attrs['receiver']}  {shown_day(over['time'].to_numpy())}"
     axes.set_title(name, loc="left", fontsize=11, pad=lift_points)
     channels = f"{over.sizes['frequency']} channels, {float(over.attrs['integration_s']):g} s"
