@@ -2,6 +2,7 @@
 
 import hashlib
 from collections.abc import Iterable
+from pathlib import Path
 from typing import Any
 
 from fastapi import Request, Response
@@ -29,6 +30,12 @@ def tag_of(solutions: Iterable[Solution], *more: object) -> str:
     """
     content = "|".join([__version__, *(solution.store_sha256 for solution in solutions), *map(str, more)])
     return f'W/"{hashlib.sha256(content.encode()).hexdigest()[:32]}"'
+
+
+def file_tag(path: Path) -> str:
+    """Entity tag of a file that is replaced whole where it changes."""
+    known = path.stat()
+    return f'W/"{known.st_mtime_ns:x}-{known.st_size:x}"'
 
 
 def is_known(request: Request, tag: str) -> bool:

@@ -2,6 +2,7 @@
 
 from datetime import UTC, date, datetime
 from typing import Literal
+from urllib.parse import urlencode
 
 from pydantic import BaseModel, ConfigDict, Field, field_validator
 
@@ -78,6 +79,37 @@ class DetectionFilter(_Query):
         if start >= stop:
             raise InputError("start: is not before stop; exchange them")
         return start, stop
+
+
+class DayFilter(_Query):
+    """Which searched days are asked for; without parameters, the newest."""
+
+    first: str | None = Field(None, alias="from", description="This day or later.", examples=["2020-07-01"])
+    last: str | None = Field(None, alias="to", description="This day or earlier.", examples=["2020-07-31"])
+    limit: int = Field(62, ge=1, le=366, description="Days per reply.")
+
+    @field_validator("first", "last", mode="before")
+    @classmethod
+    def _empty_is_absent(cls, value: object) -> object:
+        return None if value == "" else value
+
+    def span(self) -> tuple[date | None, date | None]:
+        """First and last day; None where there is no bound.
+
+        Raises
+        ------
+        InputError
+            If a day cannot be read or the first is after the last.
+        """
+        first, last = (None if text is None else parse_day(text.strip()) for text in (self.first, self.last))
+        if first and last and first > last:
+            raise InputError("from: is after to; exchange them, or leave one out")
+        return first, last
+
+    def onward(self, last: date) -> str:
+        """Query of an address that asks for the same days, but none after this one."""
+        asked = {name: value for name, value in self.model_dump(by_alias=True, exclude_unset=True).items() if value}
+        return urlencode({**asked, "to": last})
 
 
 class SolutionChoice(_Query):

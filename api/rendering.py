@@ -10,7 +10,7 @@ from fastapi import Request
 from fastapi.responses import HTMLResponse
 from jinja2 import Environment, FileSystemLoader, StrictUndefined
 
-from api.wording import flag_meaning
+from api.wording import flag_meaning, reason_words
 from bella import __version__
 from bella.plotting import edge_name, plotly_version
 
@@ -56,7 +56,13 @@ def _environment() -> Environment:
         lstrip_blocks=True,
     )
     environment.filters.update(
-        utc=written_time, day=written_day, clock=written_clock, pm=written_error, edge=edge_name, meaning=flag_meaning
+        utc=written_time,
+        day=written_day,
+        clock=written_clock,
+        pm=written_error,
+        edge=edge_name,
+        meaning=flag_meaning,
+        why=reason_words,
     )
     environment.globals.update(version=__version__, plotly_version=plotly_version())
     return environment

@@ -1,14 +1,14 @@
 """What the replies hold. Every time is UTC, every position HEE in solar radii."""
 
 from dataclasses import asdict
-from datetime import date, datetime
+from datetime import date, datetime, timedelta
 from typing import Any, Literal
 from urllib.parse import urlencode
 
 from pydantic import BaseModel, ConfigDict, Field
 
 from api.wording import APPARENT_SOURCE
-from bella.catalogue import Burst, BurstSummary, Detection, SearchedDay, Solution, Submission
+from bella.catalogue import Burst, BurstSummary, DaySummary, Detection, SearchedDay, Solution, Submission
 
 API = "/api/v1"
 
@@ -65,6 +65,43 @@ class DayReply(Reply):
         if known is None:
             return cls(day=day, searched=False, observatories=[], code_version=None)
         return cls(day=day, searched=True, observatories=list(known.observatories), code_version=known.code_version)
+
+
+class DaySummaryReply(Reply):
+    """A searched day with how much was heard on it."""
+
+    day: date
+    observatories: list[str] = Field(description="Spacecraft that had data; the others had none.")
+    detections: int = Field(description="Bursts as single spacecraft heard them.")
+    rejected: int = Field(description="Candidates that were refused.")
+    bursts: int = Field(description="Bursts, each counted once whoever heard it.")
+    shared: int = Field(description="Of these, heard by two or more spacecraft.")
+    localised: int = Field(description="Of these, placed.")
+    code_version: str
+    links: dict[str, str]
+
+    @classmethod
+    def of(cls, one: DaySummary) -> "DaySummaryReply":
+        """Reply for a searched day of the catalogue."""
+        counts = {name: getattr(one, name) for name in ("detections", "rejected", "bursts", "shared", "localised")}
+        known = one.searched
+        return cls(
+            day=known.day,
+            observatories=list(known.observatories),
+            code_version=known.code_version,
+            links=day_links(known.day),
+            **counts,
+        )
+
+
+class DaysReply(Reply):
+    """Searched days, the newest first."""
+
+    days: list[DaySummaryReply]
+    total: int = Field(description="Searched days that match, on all pages.")
+    returned: int
+    truncated: bool = Field(description="True when earlier days follow: go on at `next`.")
+    next: str | None
 
 
 class SolutionReply(Reply):
@@ -277,6 +314,18 @@ def zarr_path(solution: Solution) -> str:
 def figure_path(solution: Solution, name: str) -> str:
     """Address path of a figure of a solution."""
     return f"{API}/solutions/{solution.solution_id}/figures/{name}"
+
+
+def day_links(day: date) -> dict[str, str]:
+    """Addresses of everything about a searched day."""
+    base = f"{API}/days/{day}"
+    heard = urlencode({"start": day, "stop": day + timedelta(days=1)})
+    return {
+        "self": base,
+        "page": f"/days/{day}",
+        "figure": f"{base}/figure",
+        "detections": f"{API}/detections?{heard}",
+    }
 
 
 def burst_links(burst: Burst) -> dict[str, str]:

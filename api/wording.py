@@ -13,3 +13,11 @@ EDGE_DECIDES = (
 def flag_meaning(flag: str) -> str:
     """What a quality flag means, for a reader of the page."""
     return (FLAGS | COMPANION_FLAGS).get(flag, flag.replace("_", " "))
+
+
+NOT_COMPARED = "its position is not known, so it was not compared with others"
+
+
+def reason_words(reason: str) -> str:
+    """Why a burst was not placed, or a candidate refused, for a reader of the page."""
+    return reason.removeprefix("not localisable: ").replace("_", " ")

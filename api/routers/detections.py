@@ -2,11 +2,14 @@
 
 from typing import Annotated
 
-from fastapi import APIRouter, Query
+from fastapi import APIRouter, Query, Request, Response
+from fastapi.responses import FileResponse
 
-from api.queries import DetectionFilter, parse_day
-from api.schemas import DayReply, DetectionReply, DetectionsReply
-from api.service import CatalogueHere
+from api.freshness import REVALIDATE, file_tag, is_known, not_modified
+from api.queries import DayFilter, DetectionFilter, parse_day
+from api.schemas import API, DayReply, DaysReply, DaySummaryReply, DetectionReply, DetectionsReply
+from api.service import CatalogueHere, ServiceHere
+from bella.exceptions import NoDataError
 
 router = APIRouter(prefix="/api/v1", tags=["detections"])
 
@@ -24,8 +27,34 @@ def detections(catalogue: CatalogueHere, wanted: Annotated[DetectionFilter, Quer
     )
 
 
+@router.get("/days")
+def days(catalogue: CatalogueHere, wanted: Annotated[DayFilter, Query()]) -> DaysReply:
+    """Searched days, the newest first, with how much was heard on each; both ends of the range belong to it."""
+    page = catalogue.days(*wanted.span(), wanted.limit)
+    return DaysReply(
+        days=[DaySummaryReply.of(one) for one in page.days],
+        total=page.total,
+        returned=len(page.days),
+        truncated=page.next_last is not None,
+        next=f"{API}/days?{wanted.onward(page.next_last)}" if page.next_last else None,
+    )
+
+
 @router.get("/days/{day}")
 def day(day: str, catalogue: CatalogueHere) -> DayReply:
     """Whether a day was searched, and which spacecraft had data: no data, no burst and not placed are told apart."""
     wanted = parse_day(day)
     return DayReply.of(wanted, catalogue.searched_day(wanted))
+
+
+@router.get("/days/{day}/figure", responses={200: {"content": {"image/png": {}}}}, response_class=Response)
+def day_figure(request: Request, day: str, service: ServiceHere) -> Response:
+    """Spectra of all spacecraft on a searched day with what was found outlined, PNG; redrawn with the day."""
+    wanted = parse_day(day)
+    path = service.settings.day_figure(wanted)
+    if not path.is_file():
+        raise NoDataError(f"{wanted} is not drawn: run bella run --from {wanted}")
+    tag = file_tag(path)
+    if is_known(request, tag):
+        return not_modified(tag)
+    return FileResponse(path, media_type="image/png", headers={"ETag": tag, "Cache-Control": REVALIDATE})

@@ -9,7 +9,7 @@ from fastapi import APIRouter, Request, Response
 from fastapi.responses import FileResponse, HTMLResponse
 from pydantic import ValidationError
 
-from api.errors import worded
+from api.asking import asked_of, fault_words
 from api.freshness import IMMUTABLE
 from api.queries import BurstFilter, SeriesChoice, one_per_edge
 from api.remarks import edge_remark
@@ -66,7 +66,7 @@ class FitRow:
 @router.get("/")
 def catalogue_page(request: Request, catalogue: CatalogueHere) -> HTMLResponse:
     """Bursts that match the query of the address, with a form that writes that query."""
-    asked = _asked(request)
+    asked = asked_of(request, LISTS)
     page, fault = _answer(catalogue, asked)
     following = page.next_cursor if page else None
     return render(
@@ -100,6 +100,7 @@ def burst_page(request: Request, burst_id: str, service: ServiceHere, catalogue:
         "burst.html",
         burst=summary.burst,
         links=burst_links(summary.burst),
+        is_searched=catalogue.searched_day(summary.burst.start_utc.date()) is not None,
         series=urlencode({name: value for name, value in choice if value}),
         series_known=_series_known(summary.solutions),
         solutions=[SolutionReply.of(solution) for solution in solutions],
@@ -124,24 +125,12 @@ def drawing_script() -> Response:
     return FileResponse(plotly_script(), media_type="text/javascript", headers={"Cache-Control": IMMUTABLE})
 
 
-def _asked(request: Request) -> dict[str, Any]:
-    """Query of the address, as the form of the page writes it: with empty fields, lists repeated."""
-    query = request.query_params
-    return {name: query.getlist(name) if name in LISTS else query[name] for name in dict.fromkeys(query)}
-
-
 def _answer(catalogue: Catalogue, asked: dict[str, Any]) -> tuple[BurstPage | None, str | None]:
     """Page of bursts, or what is wrong with the question."""
     try:
         return catalogue.bursts(BurstFilter.model_validate(asked).query()), None
     except (InputError, ValidationError) as error:
-        return None, _fault(error)
-
-
-def _fault(error: InputError | ValidationError) -> str:
-    if isinstance(error, ValidationError):
-        return "; ".join(worded({**fault, "loc": ("query", *fault["loc"])}) for fault in error.errors())
-    return str(error)
+        return None, fault_words(error)
 
 
 def _series_known(solutions: tuple[Solution, ...]) -> list[dict[str, str]]:

@@ -12,7 +12,7 @@ from bella.catalogue.records import DayPage, DaySummary, Detection
 from bella.exceptions import InputError
 
 MAX_DAYS = 366
-LOCALISABLE = "localisable"
+LOCALISABLE, REJECTED = "localisable", "rejected"
 _DAYS, _DETECTIONS = table_of(SearchedDayRow), table_of(DetectionRow)
 _REACH = timedelta(days=1)
 """No onset is farther from the day of its burst; onsets have an index, days of detections have none."""
@@ -60,7 +60,8 @@ def _counts(connection: Connection, first: date, last: date) -> Iterator[tuple[d
         select(
             columns.day,
             columns.burst_id,
-            func.count().label("detections"),
+            func.sum(case((columns.tier == REJECTED, 0), else_=1)).label("accepted"),
+            func.sum(case((columns.tier == REJECTED, 1), else_=0)).label("rejected"),
             func.count(columns.observatory.distinct()).label("observatories"),
             func.max(case((columns.tier == LOCALISABLE, 1), else_=0)).label("localised"),
         )
@@ -72,8 +73,8 @@ def _counts(connection: Connection, first: date, last: date) -> Iterator[tuple[d
     is_burst, is_shared = heard.burst_id != "", heard.observatories > 1
     counted = select(
         heard.day,
-        func.sum(case((is_burst, heard.detections), else_=0)),
-        func.sum(case((is_burst, 0), else_=heard.detections)),
+        func.sum(heard.accepted),
+        func.sum(heard.rejected),
         func.sum(case((is_burst, 1), else_=0)),
         func.sum(case((is_burst & is_shared, 1), else_=0)),
         func.sum(case((is_burst, heard.localised), else_=0)),

@@ -72,7 +72,7 @@ def write_day_png(path: Path, day: date, spectra: Sequence[xr.Dataset], detectio
         axes.set_xlim(midnight, until)
         axes.tick_params(labelbottom=axes is rows[-1])
     rows[-1].set_xlabel("UTC")
-    _outline(figure, rows, [(over, shown_detections(detections, over)) for over in shown])
+    _outline(figure, list(rows), [(over, shown_detections(detections, over)) for over in shown])
     save_png(figure, path, colours=COLOURS)
 
 

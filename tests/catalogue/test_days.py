@@ -26,11 +26,12 @@ def test_a_day_counts_detections_bursts_and_what_was_placed(catalogue: Catalogue
     shared = [heard(3), heard(3, "STEREO-A"), heard(3, "SOLO")]
     pair = [heard(7, **ALONE), heard(7, "STEREO-A", **ALONE)]
     twice = [heard(9, **ALONE), heard(9, **ALONE)]
-    record(catalogue, 0, [*shared, *pair, *twice, heard(11, **REFUSED), heard(12, "SOLO", **REFUSED)])
+    elsewhere = heard(10, "JUICE", tier="catalogued", reason="", burst_id="")
+    record(catalogue, 0, [*shared, *pair, *twice, elsewhere, heard(11, **REFUSED), heard(12, "SOLO", **REFUSED)])
 
     (one,) = catalogue.days().days
 
-    assert one == DaySummary(DAY, detections=7, rejected=2, bursts=3, shared=2, localised=1)
+    assert one == DaySummary(DAY, detections=8, rejected=2, bursts=3, shared=2, localised=1)
 
 
 def test_days_come_newest_first_and_a_quiet_one_is_there(catalogue: Catalogue) -> None:
