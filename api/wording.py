@@ -20,4 +20,4 @@ NOT_COMPARED = "its position is not known, so it was not compared with others"
 
 def reason_words(reason: str) -> str:
     """Why a burst was not placed, or a candidate refused, for a reader of the page."""
-    return reason.removeprefix("not localisable: ").replace("_", " ")
+    return reason.removeprefix("not localisable: ").replace("_", " ").replace(" mhz", " MHz")
