@@ -81,4 +81,5 @@ def detection_frame(found: Iterable[Detection]) -> pd.DataFrame:
     pandas.DataFrame
     """
     table = pd.DataFrame([asdict(one) for one in found], columns=list(Detection.__dataclass_fields__))
-    return table.assign(**{name: pd.to_datetime(table[name], utc=True).dt.tz_localize(None) for name in TIMES})
+    times = {name: pd.to_datetime(table[name], utc=True).dt.tz_localize(None) for name in TIMES}
+    return table.assign(**times).astype(dict.fromkeys(TIMES, "datetime64[ns]"))

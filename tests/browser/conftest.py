@@ -3,17 +3,26 @@
 import shutil
 from collections.abc import Iterator
 from dataclasses import dataclass, field
+from datetime import timedelta
 from pathlib import Path
 from typing import Any
 
 import pytest
 from playwright.sync_api import Browser, Page, sync_playwright
 
-from bella.catalogue import Catalogue, Solution
+from bella.catalogue import Catalogue, SearchedDay, Solution
 from bella.plotting import write_density_png, write_polar_fit_png
 from bella.settings import FIT_FIGURES, Settings
-from tests.api.published import publish_event, publish_many, served, settings_of
-from tests.plotting.synthetic import BURST_ID, FREQUENCIES_MHZ, synthetic_posterior, synthetic_track_fit
+from flows.day_figure import draw_day
+from tests.api.published import ONSET, publish_event, publish_many, served, settings_of
+from tests.catalogue.test_detections import heard
+from tests.plotting.synthetic import (
+    BURST_ID,
+    FREQUENCIES_MHZ,
+    synthetic_posterior,
+    synthetic_spectra,
+    synthetic_track_fit,
+)
 
 CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
 ARTIFACTS = Path(__file__).parents[2] / "test-artifacts"
@@ -53,6 +62,7 @@ def address(tmp_path_factory: pytest.TempPathFactory) -> Iterator[str]:
         for solution in publish_event(settings, catalogue, FREQUENCIES_MHZ):
             draw_fits(settings, solution)
         publish_many(settings, catalogue, 8)
+        search_days(settings, catalogue)
     with served(settings) as base:
         yield base
 
@@ -63,6 +73,26 @@ def draw_fits(settings: Settings, solution: Solution) -> None:
     paths = [settings.fit_figure(solution.burst_id, solution.solution_id, name) for name in FIT_FIGURES]
     write_polar_fit_png(paths[0], posterior, fit | fit["companions"])
     write_density_png(paths[1], posterior)
+
+
+def search_days(settings: Settings, catalogue: Catalogue) -> None:
+    """Record the day of the first burst, with its figure, and two quiet days beside it."""
+    names, until = ("WIND", "STEREO-A", "STEREO-B"), ONSET + timedelta(minutes=30)
+    lone = {
+        "tier": "catalogued",
+        "reason": "not localisable: heard by 1 of 3 spacecraft",
+        "burst_id": "T3-20120607-0700",
+    }
+    found = [
+        *(heard(0, name, start_utc=ONSET, end_utc=until, burst_id=BURST_ID) for name in names),
+        heard(0, start_utc=ONSET.replace(hour=7), end_utc=until.replace(hour=7), **lone),
+        heard(0, start_utc=ONSET.replace(hour=20), end_utc=until.replace(hour=20), tier="rejected", burst_id=""),
+    ]
+    for offset in (-1, 0, 1):
+        day = SearchedDay(ONSET.date() + timedelta(days=offset), "a" * 64, "0.2.0", names)
+        catalogue.record_day(day, [] if offset else found)
+    spectra = [one.to_dataset() for one in synthetic_spectra().children.values()]
+    assert draw_day(ONSET.date(), spectra, found, settings)
 
 
 @pytest.fixture(scope="session")

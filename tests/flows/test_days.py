@@ -1,16 +1,22 @@
-"""Which burst of the catalogue a burst of a day is: the nearest, and only one."""
+"""Which burst of the catalogue a burst of a day is, the nearest and only one; and the figure of a day."""
 
 from contextlib import closing
-from datetime import timedelta
+from datetime import UTC, datetime, timedelta
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
 import pandas as pd
+import pytest
 
 from bella.catalogue import Catalogue
-from flows.days import known_burst_ids
+from bella.settings import Settings
+from flows.day_figure import detection_frame, draw_day, redraw_day
+from flows.days import DayFiles, known_burst_ids
 from tests.catalogue.examples import publication
+from tests.catalogue.test_detections import heard as detection
+from tests.plotting.test_day import day as spectrum
+from tests.plotting.test_fleet import DAY, green
 
 
 def heard(name: str, start: pd.Timestamp) -> Any:
@@ -28,3 +34,46 @@ def test_a_burst_keeps_its_name_and_lends_it_to_no_other(tmp_path: Path) -> None
         names = known_burst_ids(catalogue, [near, nearer, far])
 
     assert names == {"near": "near", "nearer": known.burst.burst_id, "far": "far"}
+
+
+@pytest.fixture
+def settings(tmp_path: Path) -> Settings:
+    return Settings(home=tmp_path / "home")
+
+
+def test_a_day_is_drawn_with_what_the_catalogue_has_of_it(settings: Settings) -> None:
+    onset = datetime(2022, 3, 1, 1, tzinfo=UTC)
+    times = {"start_utc": onset, "peak_utc": onset, "end_utc": onset + timedelta(minutes=20)}
+
+    assert draw_day(DAY, [spectrum()], [], settings)
+    quiet = green(settings.day_figure(DAY))
+    assert draw_day(DAY, [spectrum()], [detection(1, "SOLO", **times)], settings)
+
+    assert settings.day_figure(DAY) == settings.home / "figures" / "days" / "2022-03-01.png"
+    assert green(settings.day_figure(DAY)) > quiet == 0.0
+
+
+def test_a_figure_that_fails_ends_nothing_and_leaves_no_older_one(settings: Settings) -> None:
+    assert draw_day(DAY, [spectrum()], [], settings)
+
+    assert not draw_day(DAY, [spectrum(quantity="counts")], [], settings)
+
+    assert list(settings.day_figure(DAY).parent.iterdir()) == []
+
+
+def test_a_folder_that_cannot_be_made_ends_nothing(settings: Settings) -> None:
+    settings.home.mkdir()
+    settings.figures_root.write_text("in the way")
+
+    assert not draw_day(DAY, [spectrum()], [], settings)
+
+
+def test_files_that_have_gone_end_nothing(settings: Settings, tmp_path: Path) -> None:
+    assert not redraw_day(DayFiles(DAY, (tmp_path / "gone.cdf",), (), ""), [], settings)
+
+
+def test_a_detection_table_has_utc_without_a_zone_also_when_empty() -> None:
+    for found in ([], [detection(3)]):
+        table = detection_frame(found)
+        assert {str(table[name].dtype) for name in ("start_utc", "peak_utc", "end_utc")} == {"datetime64[ns]"}
+    assert table["start_utc"][0] == pd.Timestamp("2020-07-21 03:00")

@@ -20,6 +20,7 @@ from bella.catalogue import Catalogue
 from bella.simulation.archive_days import simulate_days, sky_of
 from bella.simulation.burst import source_position_rsun
 from tests.commands import BELLA, Sandbox
+from tests.plotting.test_fleet import green, height
 
 DAY, SEED = date(2021, 2, 1), 1
 DATASETS = (
@@ -106,12 +107,29 @@ def test_every_burst_is_in_the_catalogue_with_its_reason(processed: Processed) -
     assert told == {one.burst_id for one in found if one.tier == "catalogued"}
 
 
+def test_the_day_is_drawn_and_drawn_again_where_it_was_not(processed: Processed) -> None:
+    figure = processed.sandbox.home / "figures" / "days" / f"{DAY}.png"
+    assert [entry.name for entry in figure.parent.iterdir()] == [figure.name]
+    assert green(figure) > 0.0, "boxes of bursts that were placed"
+    drawn = figure.read_bytes()
+    figure.unlink()
+
+    again = process(processed.sandbox, processed.archive)
+
+    assert again["state"] == "nothing new"
+    assert figure.read_bytes() == drawn
+
+
 def test_later_data_refine_the_same_bursts_and_nothing_else_is_done(processed: Processed, archive: Path) -> None:
     sandbox = processed.sandbox
     again = process(sandbox, processed.archive)
     assert (again["state"], again["localised"]) == ("nothing new", [])
+    figure = sandbox.home / "figures" / "days" / f"{DAY}.png"
+    three = height(figure)
 
     refined = process(sandbox, archive)
+
+    assert height(figure) > 1.2 * three, "the new spacecraft has a panel"
 
     assert set(refined["observatories"]) == {"WIND", "STEREO-A", "SOLO", "PSP"}
     same = set(refined["localised"]) & set(processed.day["localised"])
