@@ -34,7 +34,7 @@ LOWEST_MHZ = 0.02
 
 LEGEND_DROP = 0.17
 COLOURS = 256
-"""Enough for a scale of brightness; the file is a third of the size."""
+"""Enough for a scale of brightness; the file is less than half the size."""
 
 
 def write_day_png(path: Path, day: date, spectra: Sequence[xr.Dataset], detections: pd.DataFrame) -> None:
@@ -47,8 +47,8 @@ def write_day_png(path: Path, day: date, spectra: Sequence[xr.Dataset], detectio
     day : datetime.date
         UTC; what spectra hold of other days is not shown.
     spectra : sequence of xarray.Dataset
-        Dynamic spectra, at least one, each of another spacecraft; those that are not in dB over their background are
-        shown so.
+        Dynamic spectra, at least one, each of another spacecraft; shown is dB over their background, which is not
+        taken away a second time from what :func:`bella.spectra.over_background` returned.
     detections : pandas.DataFrame
         Detection table. What was rejected is dashed, with its reason.
 
@@ -81,7 +81,7 @@ def _within(spectrum: xr.Dataset, start: np.datetime64, stop: np.datetime64) -> 
 
 
 def _over(spectrum: xr.Dataset) -> xr.Dataset:
-    return spectrum if spectrum.attrs["quantity"] == "db_over_background" else over_background(spectrum)
+    return spectrum if "noise_db" in spectrum else over_background(spectrum)
 
 
 def _draw_spectrum(figure: Figure, axes: Axes, over: xr.Dataset) -> None:

@@ -59,12 +59,19 @@ def test_only_the_day_is_shown(tmp_path: Path) -> None:
         write_day_png(tmp_path / "other.png", date(2022, 3, 3), [before], EMPTY)
 
 
-def test_a_spectrum_over_its_background_is_drawn_as_it_is(tmp_path: Path) -> None:
+def test_a_background_is_taken_away_once_and_also_where_decibels_were_published(tmp_path: Path) -> None:
     raw, over = tmp_path / "raw.png", tmp_path / "over.png"
     write_day_png(raw, DAY, [day()], EMPTY)
     write_day_png(over, DAY, [over_background(day())], EMPTY)
 
     assert raw.read_bytes() == over.read_bytes()
+    lifted = over_background(day()).drop_vars("noise_db")
+    lifted["intensity"] += 3.0
+    write_day_png(tmp_path / "lifted.png", DAY, [lifted], EMPTY)
+    bright = [
+        share(path, lambda picture: picture[..., 0] > picture[..., 2] + 0.2) for path in (over, tmp_path / "lifted.png")
+    ]
+    assert bright[1] < 1.2 * bright[0], "three decibels everywhere are background"
 
 
 def test_a_whole_day_at_a_fine_cadence_is_a_small_file(tmp_path: Path) -> None:
