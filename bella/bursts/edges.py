@@ -13,9 +13,9 @@ import xarray as xr
 from bella.bursts.edge import Edge
 from bella.bursts.flank import flank_edges
 from bella.bursts.gauss_hermite import gauss_hermite_edge
-from bella.bursts.half_maximum import half_maximum_edge
+from bella.bursts.half_maximum import half_maximum_edge, spacing_s
 from bella.exceptions import InputError
-from bella.spectra import power_above_background, sample_times
+from bella.spectra import integration_times_s, power_above_background, sample_times
 from bella.units import FloatArray
 
 EDGE_OF_METHOD = {"flank": "half_rise", "half_maximum": "half_maximum", "gauss_hermite": "gauss_hermite"}
@@ -41,7 +41,8 @@ def spectrum_edges(spectrum: xr.Dataset, method: str = "flank", window_utc: Wind
     -------
     pandas.DataFrame
         One row per channel, ascending in frequency: observatory, frequency_mhz, arrival_utc (NaT without an edge),
-        sigma_s, edge (a value of ``EDGE_OF_METHOD``), flag. Channels marked as interpolated are left out.
+        sigma_s, edge (a value of ``EDGE_OF_METHOD``), flag. Channels marked as interpolated are left out. How well the
+        times of the samples are known (``sample_time_sd_s``) is in sigma_s.
 
     Raises
     ------
@@ -55,13 +56,14 @@ def spectrum_edges(spectrum: xr.Dataset, method: str = "flank", window_utc: Wind
     time_s = (sample_times(measured).to_numpy() - start) / np.timedelta64(1, "s")
     edges = _edges(method, time_s, measured)
     arrival_s = np.array([edge.arrival_s for edge in edges], dtype=np.float64)
+    sigma_s = np.hypot([edge.sigma_s for edge in edges], _sample_time_sd_s(measured))
     delay = pd.to_timedelta(np.rint(arrival_s * 1e9), unit="ns").to_numpy()
     return pd.DataFrame(
         {
             "observatory": str(measured.attrs["observatory"]),
             "frequency_mhz": measured["frequency"].to_numpy(),
             "arrival_utc": start + delay,
-            "sigma_s": np.array([edge.sigma_s for edge in edges], dtype=np.float64),
+            "sigma_s": sigma_s,
             "edge": EDGE_OF_METHOD[method],
             "flag": [edge.flag for edge in edges],
         }
@@ -78,14 +80,24 @@ def _measured(spectrum: xr.Dataset, window_utc: Window | None) -> xr.Dataset:
     return measured
 
 
+def _sample_time_sd_s(spectrum: xr.Dataset) -> FloatArray:
+    """How well the times of the samples of each channel are known, shape (channels,); 0 where nothing is said."""
+    if "sample_time_sd_s" not in spectrum:
+        return np.zeros(spectrum.sizes["frequency"])
+    return np.nan_to_num(spectrum["sample_time_sd_s"].to_numpy().astype(np.float64))
+
+
 def _edges(method: str, time_s: FloatArray, spectrum: xr.Dataset) -> list[Edge]:
     power, frequency_mhz = power_above_background(spectrum).to_numpy(), spectrum["frequency"].to_numpy()
-    integration_s = float(spectrum.attrs["integration_s"])
+    integration_s = integration_times_s(spectrum)
     records = spectrum["time"].to_numpy()
-    cadence_s = float(np.median(np.diff(records)) / np.timedelta64(1, "s")) if records.size > 1 else integration_s
+    cadence_s = float(np.median(np.diff(records)) / np.timedelta64(1, "s")) if records.size > 1 else 1.0
     if method == "flank":
         return flank_edges(time_s, power, cadence_s, frequency_mhz, integration_s)
     light_curves = zip(time_s.T, power.T, strict=True)
     if method == "half_maximum":
-        return [half_maximum_edge(times, column, cadence_s) for times, column in light_curves]
+        return [
+            half_maximum_edge(times, column, spacing_s(times[np.isfinite(column)], cadence_s))
+            for times, column in light_curves
+        ]
     return [gauss_hermite_edge(times, column) for times, column in light_curves]

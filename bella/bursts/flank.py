@@ -25,7 +25,7 @@ from scipy.special import chdtrc
 from bella.bursts.edge import EDGES_DISAGREE, FIT_FAILED, GAP, NO_FLANK, NO_SAMPLES, NO_SIGNAL, SATURATED, Edge, no_edge
 from bella.bursts.first_maximum import first_maximum
 from bella.bursts.flank_shapes import Shapes, shapes, shared_frequency_mhz
-from bella.bursts.half_maximum import FLUX_SCATTER, GAP_CADENCES, LEVEL, half_maximum_edge, quiet_noise
+from bella.bursts.half_maximum import FLUX_SCATTER, GAP_CADENCES, LEVEL, half_maximum_edge, quiet_noise, spacing_s
 from bella.bursts.widths import rise_half_width_s
 from bella.units import FloatArray
 
@@ -248,7 +248,11 @@ def _half_rise(channel: Channel, peak: int, guess_s: float) -> Edge:
 
 
 def flank_edges(
-    time_s: FloatArray, power: FloatArray, cadence_s: float, frequency_mhz: FloatArray, integration_s: float
+    time_s: FloatArray,
+    power: FloatArray,
+    cadence_s: float,
+    frequency_mhz: FloatArray,
+    integration_s: FloatArray | float,
 ) -> list[Edge]:
     """Half-rise time of every channel.
 
@@ -262,7 +266,7 @@ def flank_edges(
         Time between records, s.
     frequency_mhz : numpy.ndarray, shape (C,)
         MHz.
-    integration_s : float
+    integration_s : float or numpy.ndarray, shape (C,)
         Time that one sample averages over, s.
 
     Returns
@@ -272,11 +276,11 @@ def flank_edges(
         ``edges_disagree``, where the half-maximum says otherwise, and ``saturated``.
     """
     times = np.broadcast_to(time_s if time_s.ndim == 2 else time_s[:, None], power.shape)
+    means = np.broadcast_to(integration_s, frequency_mhz.shape)
     channels = []
-    for with_gaps, column, frequency in zip(times.T, power.T, frequency_mhz, strict=True):
+    for with_gaps, column, frequency, mean_s in zip(times.T, power.T, frequency_mhz, means, strict=True):
         known = np.isfinite(column)
         time = with_gaps[known]
-        # of a channel that is sampled in every other record only, the rest is no gap
-        spacing = max(cadence_s, float(np.median(np.diff(time)))) if time.size > 1 else cadence_s
-        channels.append(Channel(time, column[known], spacing, float(frequency), integration_s))
+        spacing = spacing_s(time, cadence_s)
+        channels.append(Channel(time, column[known], spacing, float(frequency), float(mean_s)))
     return [_channel_edge(channel._replace(scatter=_scatter(channel))) for channel in channels]

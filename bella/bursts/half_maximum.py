@@ -85,6 +85,24 @@ def _crossing(time_s: FloatArray, power: FloatArray, cadence_s: float, last_belo
     return Edge(float(arrival_s), math.hypot(sample_error / slope, line_error_s), "")
 
 
+def spacing_s(time_s: FloatArray, cadence_s: float) -> float:
+    """Time between samples of a channel: of one that is sampled in every other record only, the rest is no gap.
+
+    Parameters
+    ----------
+    time_s : numpy.ndarray, shape (N,)
+        Times of its samples without those that are missing, ascending, s.
+    cadence_s : float
+        Time between records, s.
+
+    Returns
+    -------
+    float
+        s, not below the cadence.
+    """
+    return max(cadence_s, float(np.median(np.diff(time_s)))) if time_s.size > 1 else cadence_s
+
+
 def quiet_noise(power: FloatArray, maximum: float) -> float:
     """Scatter of the samples below a quarter of the maximum.
 

@@ -6,6 +6,7 @@ from bella.spectra.combination import combine_receivers, join_days
 from bella.spectra.digitised import event_spectra
 from bella.spectra.dynamic_spectrum import (
     QUANTITIES,
+    integration_times_s,
     light_curve,
     power_above_background,
     relative_power,
@@ -27,6 +28,7 @@ __all__ = [
     "event_spectra",
     "find_product",
     "given_position_hee",
+    "integration_times_s",
     "join_days",
     "light_curve",
     "open_spectra",

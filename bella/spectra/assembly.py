@@ -1,5 +1,6 @@
 """From the arrays of an archive file to a dynamic spectrum."""
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
@@ -32,12 +33,15 @@ class Origin:
         One of ``QUANTITIES``.
     source : str
         Name of the file.
+    integration_s : float, optional
+        The longest that a sample can have been integrated, s, where that is less than the time between records.
     """
 
     observatory: str
     receiver: str
     quantity: str
     source: str
+    integration_s: float = math.inf
 
 
 def assemble(
@@ -67,7 +71,7 @@ def assemble(
     Returns
     -------
     xarray.Dataset
-        A dynamic spectrum; ``integration_s`` is the median step between records, as no archive file states it.
+        A dynamic spectrum; ``integration_s`` is what the origin says, at most the median step between records.
 
     Raises
     ------
@@ -174,6 +178,6 @@ def _attributes(origin: Origin, time: npt.NDArray[np.datetime64]) -> dict[str, A
         "observatory": origin.observatory,
         "receiver": origin.receiver,
         "quantity": origin.quantity,
-        "integration_s": cadence_s(time),
+        "integration_s": min(cadence_s(time), origin.integration_s),
         "source_files": [origin.source],
     }

@@ -9,10 +9,10 @@ import xarray as xr
 
 from bella.exceptions import InputError
 from bella.spectra.assembly import cadence_s, label
-from bella.spectra.dynamic_spectrum import POSITION, sample_times, validate_spectrum
+from bella.spectra.dynamic_spectrum import POSITION, integration_times_s, sample_times, validate_spectrum
 from bella.spectra.given_positions import join_positions
 
-PER_CHANNEL = ("interpolated", "sample_offset_s")
+INTEGRATION = "channel_integration_s"
 
 
 def combine_receivers(first: xr.Dataset, second: xr.Dataset) -> xr.Dataset:
@@ -22,7 +22,8 @@ def combine_receivers(first: xr.Dataset, second: xr.Dataset) -> xr.Dataset:
     dropped; with as many, the upper receiver keeps them. Records: the receiver with more of them gives the time axis.
     A record of the other joins the nearest one within half the median step, each at most one; what finds none becomes
     a record of its own. Samples keep their times: unless both have the same time axis and none of their own, the
-    result has ``sample_time``. Positions of the spacecraft are kept.
+    result has ``sample_time``. Positions of the spacecraft are kept, and so are integration times: where the receivers
+    differ, in ``channel_integration_s``.
 
     Parameters
     ----------
@@ -40,7 +41,7 @@ def combine_receivers(first: xr.Dataset, second: xr.Dataset) -> xr.Dataset:
         If they are of different observatories or quantities.
     """
     _same(first, second, ("observatory", "quantity"))
-    both = sorted((first, second), key=lambda one: (float(one["frequency"][0]), float(one["frequency"][-1])))
+    both = sorted(_stated(first, second), key=lambda one: (float(one["frequency"][0]), float(one["frequency"][-1])))
     low, high = _part_bands(*(one.drop_vars(POSITION, errors="ignore") for one in both))
     if low.sizes["time"] == high.sizes["time"] and (low["time"].to_numpy() == high["time"].to_numpy()).all():
         parts = _with_same_variables([low, high])
@@ -95,6 +96,14 @@ def _same(first: xr.Dataset, second: xr.Dataset, names: tuple[str, ...]) -> None
     for name in names:
         if first.attrs[name] != second.attrs[name]:
             raise InputError(f"spectra of {name} {first.attrs[name]} and {second.attrs[name]} cannot be joined")
+
+
+def _stated(*parts: xr.Dataset) -> list[xr.Dataset]:
+    """With the integration time of every channel, where it is not one for all."""
+    times_s = {float(one.attrs["integration_s"]) for one in parts}
+    if len(times_s) == 1 and not any(INTEGRATION in one for one in parts):
+        return list(parts)
+    return [one.assign({INTEGRATION: ("frequency", integration_times_s(one))}) for one in parts]
 
 
 def _part_bands(low: xr.Dataset, high: xr.Dataset) -> tuple[xr.Dataset, xr.Dataset]:

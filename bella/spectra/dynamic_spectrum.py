@@ -6,6 +6,8 @@ A dynamic spectrum is an :class:`xarray.Dataset` with dimensions ``time`` and ``
 - ``intensity(time, frequency)``: NaN where there are no data;
 - optional ``sample_offset_s(frequency)`` or ``sample_time(time, frequency)`` for receivers that step through a sweep;
 - optional ``interpolated(frequency)``: True for channels that were not measured;
+- optional ``channel_integration_s(frequency)`` where channels differ in it, and ``sample_time_sd_s(frequency)``, how well
+  the times of their samples are known;
 - optional ``position_km(time, axis)``: where the spacecraft was, NaN where not known, with the attribute ``frame``, one
   of ``POSITION_FRAMES``;
 - attributes ``observatory``, ``receiver``, ``quantity`` (one of ``QUANTITIES``), ``integration_s``, ``source_files``;
@@ -34,6 +36,8 @@ OPTIONAL_DIMENSIONS = {
     "sample_offset_s": ("frequency",),
     "sample_time": ("time", "frequency"),
     "interpolated": ("frequency",),
+    "channel_integration_s": ("frequency",),
+    "sample_time_sd_s": ("frequency",),
     POSITION: ("time", "axis"),
 }
 
@@ -187,6 +191,26 @@ def sample_times(spectrum: xr.Dataset) -> xr.DataArray:
     if "sample_offset_s" in spectrum:
         shape = shape + (spectrum["sample_offset_s"] * 1e9).round().astype("timedelta64[ns]")
     return (spectrum["time"] + shape).transpose("time", "frequency")
+
+
+def integration_times_s(spectrum: xr.Dataset) -> FloatArray:
+    """How long the samples of every channel average over.
+
+    Parameters
+    ----------
+    spectrum : xarray.Dataset
+        A dynamic spectrum.
+
+    Returns
+    -------
+    numpy.ndarray, shape (channels,)
+        ``channel_integration_s`` where it is known, else the attribute ``integration_s``; s.
+    """
+    whole_s = float(spectrum.attrs["integration_s"])
+    if "channel_integration_s" not in spectrum:
+        return np.full(spectrum.sizes["frequency"], whole_s)
+    stated_s = spectrum["channel_integration_s"].to_numpy()
+    return np.where(stated_s > 0.0, stated_s, whole_s)
 
 
 def light_curve(spectrum: xr.Dataset, frequency_mhz: float) -> xr.DataArray:

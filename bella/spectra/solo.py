@@ -4,6 +4,7 @@ Both receivers step through their channels, so that every sample has its own tim
 channels would be wrong by up to half a sweep.
 """
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -14,7 +15,7 @@ from bella.exceptions import InputError
 from bella.spectra.assembly import Origin, assemble, shared_channels
 from bella.spectra.cdf import CdfFile, TimeArray
 from bella.spectra.given_positions import read_positions
-from bella.spectra.sweeps import assemble_sweeps, record_centres
+from bella.spectra.sweeps import assemble_sweeps, dwell_s, record_centres
 
 OBSERVATORY = "SOLO"
 HFR_DIPOLES = (9, 10, 11)
@@ -117,7 +118,7 @@ def _tnr_records(  # noqa: PLR0913, PLR0917 - one argument per variable of the f
     density[row[::-1], band[::-1]] = power[::-1]
     when[row[::-1], band[::-1]] = time[::-1, None]
     flat = (centre.size, bands_mhz.size)
-    origin = Origin(OBSERVATORY, "TNR", "psd_v2_hz", source)
+    origin = Origin(OBSERVATORY, "TNR", "psd_v2_hz", source, dwell_s(time))
     return assemble(origin, centre, bands_mhz.ravel(), density.reshape(flat), {"sample_time": when.reshape(flat)})
 
 
@@ -152,9 +153,10 @@ def read_l3(cdf: CdfFile, receiver: str) -> tuple[xr.Dataset, ...]:
         flux, extra["interpolated"] = _without_interpolated(cdf, flux, stated_mhz)
     frequency_mhz, flux = shared_channels(stated_mhz, flux, cdf.name)
     time, when = _sample_times(cdf, start, stated_mhz, flux.shape)
+    origin = Origin(OBSERVATORY, receiver.upper(), "flux_w_m2_hz", cdf.name)
     if when is not None:
         extra["sample_time"] = when
-    origin = Origin(OBSERVATORY, receiver.upper(), "flux_w_m2_hz", cdf.name)
+        origin = replace(origin, integration_s=dwell_s(when[0]))
     return (read_positions(cdf, assemble(origin, time, frequency_mhz, flux, extra), start, POSITIONS),)
 
 

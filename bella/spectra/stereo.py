@@ -7,7 +7,7 @@ import numpy.typing as npt
 import xarray as xr
 
 from bella.exceptions import InputError
-from bella.spectra.assembly import Origin, assemble
+from bella.spectra.assembly import Origin, assemble, cadence_s
 from bella.spectra.cdf import CdfFile
 from bella.spectra.combination import combine_receivers
 from bella.spectra.given_positions import read_positions
@@ -91,7 +91,8 @@ def read_l3(cdf: CdfFile, receiver: str) -> tuple[xr.Dataset, ...]:
 
     Not yet run on an archive file: written to the published description of the product. The background is subtracted
     already, so that flux may be negative where there is none. The unit of frequency is read from the file, as manual
-    and files do not agree on it.
+    and files do not agree on it. The HFR steps through its channels (Bougeret et al. 2008, Space Sci. Rev. 136, 487,
+    doi:10.1007/s11214-007-9298-8), so that a sample takes no longer than the sweep over their number.
 
     Parameters
     ----------
@@ -113,9 +114,10 @@ def read_l3(cdf: CdfFile, receiver: str) -> tuple[xr.Dataset, ...]:
     """
     letter, band = receiver.split("_")
     extra = {name: cdf.numbers(variable, 2) for name, variable in DIRECTIONS.items() if cdf.has_records(variable)}
-    origin = Origin(BY_LETTER[letter], band.upper(), "flux_w_m2_hz", cdf.name)
     flux, frequency_mhz = cdf.numbers("PSD_FLUX", 2), cdf.frequency_mhz("FREQUENCY", "Hz")
     if frequency_mhz.ndim == 2:
         frequency_mhz = frequency_mhz[0]
     time = cdf.utc("Epoch")
+    longest_s = cadence_s(time) / frequency_mhz.size if band == "hfr" else np.inf
+    origin = Origin(BY_LETTER[letter], band.upper(), "flux_w_m2_hz", cdf.name, longest_s)
     return (read_positions(cdf, assemble(origin, time, frequency_mhz, flux, extra), time, POSITIONS),)

@@ -1,6 +1,7 @@
 """Receivers that hop between frequencies: from a list of samples to records, each sample with its own time."""
 
 from collections.abc import Mapping
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -43,6 +44,7 @@ def assemble_sweeps(
     -------
     xarray.Dataset
         A dynamic spectrum with ``sample_time``; ``time`` is half way between the first and last sample of a record.
+        ``integration_s`` is the time from one sample to the next: the receiver cannot have dwelt for longer.
 
     Raises
     ------
@@ -67,7 +69,25 @@ def assemble_sweeps(
     missing = np.isnat(when)
     when[missing] = np.broadcast_to(centre[:, None], shape)[missing]
     extra = {name: _spread(array[order], row, column, shape) for name, array in values.items()}
-    return assemble(origin, centre, channels, extra.pop("intensity"), {"sample_time": when, **extra})
+    stepping = replace(origin, integration_s=dwell_s(time))
+    return assemble(stepping, centre, channels, extra.pop("intensity"), {"sample_time": when, **extra})
+
+
+def dwell_s(time: npt.NDArray[np.datetime64]) -> float:
+    """Longest that a receiver can have stayed at a frequency before it went on to the next.
+
+    Parameters
+    ----------
+    time : numpy.ndarray
+        datetime64[ns] of samples, in any order.
+
+    Returns
+    -------
+    float
+        Median step from one sample to the next, s; infinite where all were taken at once.
+    """
+    steps = np.diff(np.unique(time[~np.isnat(time)]))
+    return float(np.median(steps) / np.timedelta64(1, "s")) if steps.size else np.inf
 
 
 def _passes(

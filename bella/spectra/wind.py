@@ -4,7 +4,7 @@ import numpy as np
 import xarray as xr
 
 from bella.exceptions import InputError
-from bella.spectra.assembly import Origin, assemble, shared_channels
+from bella.spectra.assembly import Origin, assemble, cadence_s, shared_channels
 from bella.spectra.cdf import CdfFile
 from bella.spectra.sweeps import assemble_sweeps
 
@@ -59,7 +59,9 @@ def read_l2(cdf: CdfFile, receiver: str) -> tuple[xr.Dataset, ...]:
 
     Not yet run on an archive file: written to the published description of the product. The summed pair of antennas
     (SP) is read, as the spacecraft's spin shows least in it, else the one along the spin axis (Z). Of the 256 columns
-    those without data, which the receiver did not visit, are dropped. A file is not a civil day.
+    those without data, which the receiver did not visit, are dropped. A file is not a civil day. RAD1 and RAD2 step
+    through their channels (Bougeret et al. 1995, Space Sci. Rev. 71, 231, doi:10.1007/BF00751331), so that a sample
+    takes no longer than a record over the number of samples in it.
 
     Parameters
     ----------
@@ -89,7 +91,9 @@ def read_l2(cdf: CdfFile, receiver: str) -> tuple[xr.Dataset, ...]:
     visited = np.isfinite(frequency_mhz) & np.isfinite(np.fmax.reduce(density))
     if not visited.any():
         raise InputError(f"{cdf.name}: {variable} holds no data")
-    origin = Origin(OBSERVATORY, receiver.upper(), "psd_v2_hz", cdf.name)
+    each = max(1.0, float(np.median(np.isfinite(density).sum(axis=1))))
+    longest_s = np.inf if receiver == "tnr" else cadence_s(time) / each
+    origin = Origin(OBSERVATORY, receiver.upper(), "psd_v2_hz", cdf.name, longest_s)
     return (assemble(origin, time, frequency_mhz[visited], density[:, visited]),)
 
 
