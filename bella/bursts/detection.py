@@ -365,7 +365,9 @@ def why_not_alone(searched: Searched, one: Candidate) -> str:
 def _has_gap(grid: SearchGrid, onset: int, channel: int) -> bool:
     """Whether minutes around the rise of a channel are missing, which it has otherwise."""
     around = grid.excess_db[max(0, onset - 5) : onset + 5, channel]
-    return bool(np.isnan(around).mean() > 0.3)
+    listening = np.isfinite(grid.excess_db).any(axis=1)
+    usual = np.isnan(grid.excess_db[listening, channel]).mean()
+    return bool(np.isnan(around).mean() > 0.3 + usual)
 
 
 def _second_peak(grid: SearchGrid, onset: int, channel: int) -> bool:

@@ -6,7 +6,7 @@ A dynamic spectrum is an :class:`xarray.Dataset` with dimensions ``time`` and ``
 - ``intensity(time, frequency)``: NaN where there are no data;
 - optional ``sample_offset_s(frequency)`` or ``sample_time(time, frequency)`` for receivers that step through a sweep;
 - optional ``interpolated(frequency)``: True for channels that were not measured;
-- optional ``channel_integration_s(frequency)`` where channels differ in it, and ``sample_time_sd_s(frequency)``, how well
+- optional ``channel_integration_s(frequency)`` where channels differ in it; ``sample_time_sd_s(frequency)``, how well
   the times of their samples are known;
 - optional ``position_km(time, axis)``: where the spacecraft was, NaN where not known, with the attribute ``frame``, one
   of ``POSITION_FRAMES``;

@@ -58,6 +58,7 @@ def assemble_sweeps(
     if not order.size:
         raise InputError(f"{origin.source}: no sample of {origin.receiver} has a time, a frequency and a sweep")
     sweep, time, frequency_mhz = sweep[order], time[order], frequency_mhz[order]
+    origin = replace(origin, integration_s=dwell_s(time))
     channels, column = np.unique(frequency_mhz, return_inverse=True)
     row = _passes(np.unique(sweep, return_inverse=True)[1], column, time)
     shape = (int(row.max()) + 1, channels.size)
@@ -69,8 +70,7 @@ def assemble_sweeps(
     missing = np.isnat(when)
     when[missing] = np.broadcast_to(centre[:, None], shape)[missing]
     extra = {name: _spread(array[order], row, column, shape) for name, array in values.items()}
-    stepping = replace(origin, integration_s=dwell_s(time))
-    return assemble(stepping, centre, channels, extra.pop("intensity"), {"sample_time": when, **extra})
+    return assemble(origin, centre, channels, extra.pop("intensity"), {"sample_time": when, **extra})
 
 
 def dwell_s(time: npt.NDArray[np.datetime64]) -> float:

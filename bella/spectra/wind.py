@@ -6,6 +6,7 @@ import xarray as xr
 from bella.exceptions import InputError
 from bella.spectra.assembly import Origin, assemble, cadence_s, shared_channels
 from bella.spectra.cdf import CdfFile
+from bella.spectra.list_mode import with_visits
 from bella.spectra.sweeps import assemble_sweeps
 
 OBSERVATORY = "WIND"
@@ -21,7 +22,9 @@ def read_h1(cdf: CdfFile, receiver: str = "") -> tuple[xr.Dataset, ...]:
     """RAD1, RAD2 and TNR of a day at 1 minute, as ratios of voltage to the background of the day.
 
     Run on the archive file of 2010-01-17. A channel whose background is zero was interpolated between measured ones,
-    and is flagged ``interpolated``; a ratio of zero is no data. Ratios of two days have two backgrounds.
+    and is flagged ``interpolated``; a ratio of zero is no data. Ratios of two days have two backgrounds. What the list
+    mode of RAD1 did not visit in a minute is NaN, and samples have the time of the visit
+    (:mod:`bella.spectra.list_mode`).
 
     Parameters
     ----------
@@ -51,7 +54,8 @@ def _h1_receiver(cdf: CdfFile, receiver: str, time: np.ndarray) -> xr.Dataset:
     background = cdf.numbers(f"Minimum_voltage_{receiver}", 2)[0]
     frequency_mhz = cdf.frequency_mhz(f"Frequency_{receiver}", "kHz")
     origin = Origin(OBSERVATORY, receiver, "voltage_ratio", cdf.name)
-    return assemble(origin, time, frequency_mhz, ratio, {"interpolated": ~(background > 0.0)})
+    spectrum = assemble(origin, time, frequency_mhz, ratio, {"interpolated": ~(background > 0.0)})
+    return with_visits(spectrum) if receiver == "RAD1" else spectrum
 
 
 def read_l2(cdf: CdfFile, receiver: str) -> tuple[xr.Dataset, ...]:

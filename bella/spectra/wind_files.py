@@ -14,6 +14,7 @@ from bella.spectra.assembly import Origin, assemble, shared_channels
 from bella.spectra.bounded import inflate, reading
 from bella.spectra.dynamic_spectrum import GEOCENTRIC
 from bella.spectra.given_positions import EARTH_RADIUS_KM, with_positions
+from bella.spectra.list_mode import with_visits
 
 OBSERVATORY = "WIND"
 LARGEST_FILE = 64 << 20
@@ -83,7 +84,7 @@ def read_idl(path: Path, receiver: str) -> tuple[xr.Dataset, ...]:
     """1-minute averages as an IDL save set: the same values as in the H1 CDF.
 
     Not yet run on an archive file: written to the published description of the product. Frequencies are not stored in
-    the file but agreed on; channels without a background are flagged ``interpolated``.
+    the file but agreed on; channels without a background are flagged ``interpolated``, and RAD1 is treated as in H1.
 
     Parameters
     ----------
@@ -113,9 +114,10 @@ def read_idl(path: Path, receiver: str) -> tuple[xr.Dataset, ...]:
     ratio, background = np.where(columns[:-1] > 0.0, columns[:-1], np.nan), columns[-1]
     time = midnight + np.arange(MINUTES) * np.timedelta64(60, "s") + np.timedelta64(30, "s")
     origin = Origin(OBSERVATORY, band.upper(), "voltage_ratio", path.name)
-    return (
-        assemble(origin, time, np.linspace(*BANDS_MHZ[band], CHANNELS), ratio, {"interpolated": ~(background > 0.0)}),
+    spectrum = assemble(
+        origin, time, np.linspace(*BANDS_MHZ[band], CHANNELS), ratio, {"interpolated": ~(background > 0.0)}
     )
+    return (with_visits(spectrum) if band == "rad1" else spectrum,)
 
 
 def date_of(name: str) -> np.datetime64:

@@ -6,12 +6,13 @@ import numpy as np
 import xarray as xr
 
 from bella.spectra import combine_receivers, validate_spectrum
+from bella.spectra.list_mode import with_visits
 
 
 def wind(folder: Path) -> xr.Dataset:
-    """Both receivers, ratios of voltages by the minute."""
-    parts = [_spectrum(folder, f"windrad{one}", "WIND", "voltage_ratio", 60.0) for one in (1, 2)]
-    return combine_receivers(*parts)
+    """Both receivers, ratios of voltages by the minute; without what was interpolated, as the reader has it."""
+    rad1, rad2 = (_spectrum(folder, f"windrad{one}", "WIND", "voltage_ratio", 60.0) for one in (1, 2))
+    return combine_receivers(with_visits(rad1), rad2)
 
 
 def stereo_a(folder: Path) -> xr.Dataset:
