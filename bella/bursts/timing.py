@@ -185,7 +185,14 @@ def timed_burst(edges: pd.DataFrame, spectra: Mapping[str, xr.Dataset]) -> Timed
 def _offset_s(spectrum: xr.Dataset, highest_mhz: float) -> float:
     cadence = cadence_s(spectrum["time"].to_numpy())
     shared = float(common_offset_s(np.array([highest_mhz]), cadence, float(spectrum.attrs["integration_s"]))[0])
-    return math.hypot(shared, float(spectrum.attrs.get("time_uncertainty_s", 0.0)))
+    return math.hypot(shared, float(spectrum.attrs.get("time_uncertainty_s", 0.0)), _records_sd_s(spectrum))
+
+
+def _records_sd_s(spectrum: xr.Dataset) -> float:
+    """How well the times of records are known that most channels share; s."""
+    if "sample_time_sd_s" not in spectrum:
+        return 0.0
+    return float(np.nan_to_num(np.nanmedian(spectrum["sample_time_sd_s"].to_numpy())))
 
 
 def shared_frequencies_mhz(timed: TimedBurst, number: int = FREQUENCIES) -> FloatArray:

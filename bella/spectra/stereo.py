@@ -11,6 +11,7 @@ from bella.spectra.assembly import Origin, assemble, cadence_s
 from bella.spectra.cdf import CdfFile
 from bella.spectra.combination import combine_receivers
 from bella.spectra.given_positions import read_positions
+from bella.spectra.sweeps import mean_time_sd_s
 
 SPACECRAFT = {"ahead": "STEREO-A", "behind": "STEREO-B"}
 BY_LETTER = {"a": "STEREO-A", "b": "STEREO-B"}
@@ -19,6 +20,9 @@ DIRECTIONS = {
     for frame in ("hee", "rtn")
     for angle in ("colatitude", "azimuth")
 } | {"source_size_deg": "SOURCE_SIZE"}
+SWEEP_S = 38.05
+"""Duration of a sweep, s (Canizares et al. 2024, A&A 684, A182, doi:10.1051/0004-6361/202347747)."""
+
 POSITIONS = ("SC_POS_HEE", "SC_POS_HEEQ", "SC_POS_HCI")
 
 
@@ -26,6 +30,7 @@ def read_level2(cdf: CdfFile, receiver: str = "") -> tuple[xr.Dataset, ...]:
     """STEREO-A and STEREO-B of a day at 1 minute, dB over background.
 
     Run on the archive file of 2010-01-17. A minute without data is stored as minus the background, and becomes NaN.
+    A minute averages one or two sweeps, which may lie anywhere in it: ``sample_time_sd_s``.
     The bands of LFR and HFR overlap at 125 to 153 kHz, where the LFR's channels are kept, as they are denser.
 
     Parameters
@@ -74,7 +79,24 @@ def _level2_spacecraft(
         )
         for receiver, band in zip(receivers, bands, strict=True)
     ]
-    return combine_receivers(*parts) if len(parts) == 2 else parts[0]
+    return by_minute(combine_receivers(*parts) if len(parts) == 2 else parts[0])
+
+
+def by_minute(spectrum: xr.Dataset) -> xr.Dataset:
+    """With how well the times of averages of a minute are known.
+
+    Parameters
+    ----------
+    spectrum : xarray.Dataset
+        1-minute averages of STEREO/WAVES.
+
+    Returns
+    -------
+    xarray.Dataset
+        With ``sample_time_sd_s``, 5.7 s.
+    """
+    sd_s = np.full(spectrum.sizes["frequency"], mean_time_sd_s(SWEEP_S))
+    return spectrum.assign(sample_time_sd_s=("frequency", sd_s))
 
 
 def _over_background(cdf: CdfFile, name: str) -> npt.NDArray[Any]:

@@ -8,7 +8,7 @@ import xarray as xr
 from bella.exceptions import InputError
 from bella.spectra.assembly import Origin, assemble
 from bella.spectra.bounded import reading
-from bella.spectra.stereo import BY_LETTER
+from bella.spectra.stereo import BY_LETTER, by_minute
 from bella.spectra.wind_files import date_of
 
 LARGEST_FILE = 64 << 20
@@ -55,7 +55,7 @@ def read_text(path: Path, receiver: str) -> tuple[xr.Dataset, ...]:
     decibel[(np.abs(decibel + background) < 0.002) | (decibel < LOWEST_DB)] = np.nan
     time = midnight + (minute * 60 + 30) * np.timedelta64(10**9, "ns")
     origin = Origin(BY_LETTER[letter], band.upper(), "db_over_background", path.name)
-    return (assemble(origin, time, frequency_mhz, decibel),)
+    return (by_minute(assemble(origin, time, frequency_mhz, decibel)),)
 
 
 def _columns(lines: list[str], channels: int) -> tuple[np.ndarray, np.ndarray]:

@@ -90,6 +90,29 @@ def dwell_s(time: npt.NDArray[np.datetime64]) -> float:
     return float(np.median(steps) / np.timedelta64(1, "s")) if steps.size else np.inf
 
 
+def mean_time_sd_s(revisit_s: float, span_s: float = 60.0) -> float:
+    """How far from the middle of an interval the mean time of the samples is that fall in it.
+
+    A minute that averages one or two sweeps of 38 s holds them anywhere; its middle is not when it was measured.
+
+    Parameters
+    ----------
+    revisit_s : float
+        Time from one sample of a channel to the next, s.
+    span_s : float
+        Length of the interval, s.
+
+    Returns
+    -------
+    float
+        Standard deviation over all ways in which samples and intervals may lie, of intervals with a sample, s.
+    """
+    whole = np.floor(span_s / revisit_s)
+    # the mean of one sample more is uniform over the first width, of as many as fit over the second
+    widths = np.array([span_s - whole * revisit_s, (whole + 1) * revisit_s - span_s if whole else 0.0])
+    return float(np.sqrt((widths**3).sum() / 12.0 / widths.sum()))
+
+
 def _passes(
     sweep: npt.NDArray[np.intp], column: npt.NDArray[np.intp], time: npt.NDArray[np.datetime64]
 ) -> npt.NDArray[np.intp]:

@@ -7,6 +7,7 @@ import xarray as xr
 
 from bella.spectra import combine_receivers, validate_spectrum
 from bella.spectra.list_mode import with_visits
+from bella.spectra.stereo import by_minute
 
 
 def wind(folder: Path) -> xr.Dataset:
@@ -17,7 +18,7 @@ def wind(folder: Path) -> xr.Dataset:
 
 def stereo_a(folder: Path) -> xr.Dataset:
     """The high receiver, dB by the minute."""
-    return _spectrum(folder, "stereoa", "STEREO-A", "db_over_background", 60.0)
+    return by_minute(_spectrum(folder, "stereoa", "STEREO-A", "db_over_background", 60.0))
 
 
 def psp(folder: Path) -> xr.Dataset:
