@@ -16,6 +16,11 @@ def wind(folder: Path) -> xr.Dataset:
     return combine_receivers(with_visits(rad1), rad2)
 
 
+def wind_as_archived(folder: Path) -> xr.Dataset:
+    """The same with what was interpolated, which these arrays do not flag."""
+    return combine_receivers(*(_spectrum(folder, f"windrad{one}", "WIND", "voltage_ratio", 60.0) for one in (1, 2)))
+
+
 def stereo_a(folder: Path) -> xr.Dataset:
     """The high receiver, dB by the minute."""
     return by_minute(_spectrum(folder, "stereoa", "STEREO-A", "db_over_background", 60.0))
