@@ -28,7 +28,7 @@ from bella.units import C_RSUN_S
 from tests.spectra import real_day_2020
 
 FAR_SIDE_DEG = -155.0
-"""HEE longitude of the burst of 2020-07-21T06:20 in the literature."""
+"""HEE longitude of the burst of 2020-07-21T06:20 by its intensities at four spacecraft (Clarkson et al. 2025)."""
 
 SHALLOW_MHZ = np.array([1.0, 1.4])
 TRACK_MHZ = np.geomspace(0.25, 2.0, 20)
