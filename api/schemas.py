@@ -214,6 +214,7 @@ class TrackFitReply(Reply):
     model_config = ConfigDict(frozen=True, extra="allow")
 
     frame: Literal["HEE"] = "HEE"
+    remark: str = APPARENT_SOURCE
     rotation_period_d: float | None = Field(
         default=None, description="Rotation period of the Sun, days, that the speeds of `joint` and `two_step` rest on."
     )
@@ -230,8 +231,8 @@ class TrackFitReply(Reply):
     )
     companions: dict[str, dict[str, Any]] = Field(
         default_factory=dict,
-        description="What other methods say: `semp`, `weighted`, `piecewise`, `density_excess`, `footpoint`, "
-        "`wind`. Each has `flags`; with `not_computed` it has a `reason` and nothing else.",
+        description="What other methods say: `semp`, `weighted`, `piecewise`, `density_excess`, `scattering`, "
+        "`footpoint`, `wind`. Each has `flags`; with `not_computed` it has a `reason` and nothing else.",
     )
     published: dict[str, Any] | None = Field(default=None, description="What a paper says of this track, if it does.")
 
@@ -266,6 +267,7 @@ class RegionsReply(Reply):
 
     burst_id: str
     frame: Literal["HEE"] = "HEE"
+    remark: str = APPARENT_SOURCE
     regions: list[dict[str, Any]]
 
 

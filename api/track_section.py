@@ -6,6 +6,7 @@ from typing import Any, NamedTuple
 
 from api.remarks import remarks_of
 from api.rendering import written_error
+from api.scattering_section import ScatteringTable, scattering_table
 from api.schemas import SolutionReply
 from api.wind_section import footpoint_words, track_wind_words
 
@@ -48,6 +49,8 @@ class TrackSection:
         The measured wind along the track; empty where there is none.
     figures : list of (str, str, str)
         Title, address and description of each figure that was drawn.
+    scattering : ScatteringTable or None
+        Apparent and corrected sources; None where not asked.
     """
 
     solution: SolutionReply
@@ -57,6 +60,7 @@ class TrackSection:
     footpoint: str
     wind: str
     figures: list[tuple[str, str, str]]
+    scattering: ScatteringTable | None = None
 
 
 def track_section(solution: SolutionReply, track: Fit, figures: list[tuple[str, str, str]]) -> TrackSection | None:
@@ -80,9 +84,11 @@ def track_section(solution: SolutionReply, track: Fit, figures: list[tuple[str, 
     rows = [(words, [cell(fit, name, digits) for fit in fits.values()]) for name, (words, digits) in ROWS.items()]
     rows += [("Residual", [Cell(_residual(fit)) for fit in fits.values()])]
     rows += [("Rotation period (d)", [Cell(_period(fit)) for fit in fits.values()])]
-    foot = footpoint_words(track.get("companions", {}).get("footpoint", {}))
+    beside = track.get("companions", {})
+    foot = footpoint_words(beside.get("footpoint", {}))
     methods, remarks = [METHODS[name] for name in fits], remarks_of(fits, track)
-    return TrackSection(solution, methods, rows, remarks, foot, track_wind_words(track), figures)
+    wind, scattered = track_wind_words(track), scattering_table(beside)
+    return TrackSection(solution, methods, rows, remarks, foot, wind, figures, scattered)
 
 
 def fits_of(track: Fit) -> dict[str, Fit]:

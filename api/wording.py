@@ -1,8 +1,8 @@
 """Sentences that more than one reply or page says."""
 
-from bella.flags import COMPANION_FLAGS, FLAGS
+from bella.flags import APPARENT_SOURCE, COMPANION_FLAGS, FLAGS
 
-APPARENT_SOURCE = "apparent source: no scattering correction"
+__all__ = ["APPARENT_SOURCE", "EDGE_DECIDES", "flag_meaning"]
 
 EDGE_DECIDES = (
     "The definition of the edge decides the track: each row is the same burst, timed at another point of its rise. "

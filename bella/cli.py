@@ -36,6 +36,7 @@ from bella.cli_simulate import simulate
 from bella.cli_spectra import EPILOG as FORMATS_EPILOG
 from bella.cli_spectra import formats
 from bella.exceptions import BellaError, InputError
+from bella.flags import APPARENT_SOURCE
 from bella.logs import log_to
 
 if TYPE_CHECKING:
@@ -194,7 +195,7 @@ def localise(  # noqa: PLR0913, PLR0917 - one argument per option
         "v_prior_sd_over_c",
         "seed",
     )
-    comments = {name: posterior.attrs[name] for name in kept}
+    comments = {name: posterior.attrs[name] for name in kept} | {"remark": APPARENT_SOURCE}
     write_whole(output, localisation_csv(localisation_records(posterior), comments))
     out.print(f"{posterior.sizes['frequency']} frequencies in {output}")
 
@@ -328,7 +329,7 @@ def _track_table(catalogue: "Catalogue", solution_id: str) -> Table:
     shown = min(ROWS_SHOWN, len(rows))
     for i in range(shown):
         table.add_row(*_track_row(rows[round((len(rows) - 1) * (1 - i / max(shown - 1, 1)))]))
-    table.caption = "n.c.: not constrained (share of the prior's width that is left)"
+    table.caption = f"{APPARENT_SOURCE}\nn.c.: not constrained (share of the prior's width that is left)"
     return table
 
 
@@ -355,7 +356,8 @@ def _fit_table(fits: list[tuple[str, dict[str, Any]]]) -> Table:
             table.add_row(edge, "two-step", *_fit_row(line))
     table.add_row("the paper", "two-step", "24.47", "+30 ± 2°", "400 ± 20", "")
     table.caption = (
-        "joint: to the arrival times. two-step: through the positions, formal errors\ndays: rotation period assumed"
+        "joint: to the arrival times. two-step: through the positions, formal errors\ndays: rotation period assumed. "
+        f"All: {APPARENT_SOURCE}"
     )
     return table
 

@@ -69,6 +69,7 @@ def fit_track(  # noqa: PLR0913, PLR0917 - one argument per option
 ) -> None:
     """Fit spiral, wind and beam of a burst to its arrival times."""
     from bella.arrivals import read_arrivals
+    from bella.flags import APPARENT_SOURCE
     from bella.tracks import JointOptions, TrackRecipe, read_directions
     from bella.tracks import fit_track as fit
 
@@ -93,7 +94,7 @@ def fit_track(  # noqa: PLR0913, PLR0917 - one argument per option
         options=JointOptions(fallback=fallback),
     )
     with steps("positions", table["frequency_mhz"].nunique()) as advance:
-        track = fit(table, recipe, advance)
+        track = {"remark": APPARENT_SOURCE} | fit(table, recipe, advance)
     text = json.dumps(track, indent=2, allow_nan=False) + "\n"
     write_whole(output, text)
     if as_json:
@@ -160,6 +161,7 @@ def _print_fit(track: dict[str, Any]) -> None:
             table.add_row(label, *_cells(joint[name], decimals), _pair(line.get(name, {}), decimals))
     table.add_row("release of the beam, UTC", *_release_cells(joint["release_utc"]), "")
     out.print(table)
+    out.print(f"Remark {track['remark']}", soft_wrap=True, highlight=False)
     for which, flags in (("joint", joint["flags"]), ("two-step", line["flags"])):
         out.print(f"Flags  {which}: {', '.join(flags) or 'none'}", soft_wrap=True, highlight=False)
     _print_account(joint)

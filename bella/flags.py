@@ -1,5 +1,8 @@
 """Every quality flag that a result may carry, with its meaning: the only place where the words stand."""
 
+APPARENT_SOURCE = "apparent source: not corrected for scattering"
+"""Stands beside every position, and every fit to positions or arrival times, that was not corrected."""
+
 NOT_CONSTRAINED = 0.9
 """A parameter whose posterior is wider than this share of its prior has not been measured."""
 
@@ -38,7 +41,8 @@ TRACK_FLAGS = {
     "phi0_not_constrained": "The posterior of the longitude at the Sun is wider than 0.9 of its prior.",
     "several_tracks": "Separate spirals explain the arrival times; mean and standard deviation describe none of them.",
     "poor_fit": "The best joint spiral misses the arrival times by more than their errors would give once in 10 000 "
-    "times: the model or an error is wrong, and the errors of the fit are too small.",
+    "times: the model or an error is wrong. The errors of the fit are too small, unless they were widened by "
+    "the misfit (`error_scale` above 1).",
     "poor_weights": "Less than 0.3 of the draws of the joint fit count: its numbers are rough.",
     "arrivals_down_weighted": "Arrival times miss the joint spiral by far more than the others do: they were taken for "
     "bad and hardly count.",

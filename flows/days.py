@@ -1,7 +1,7 @@
 """From the files of a day to its bursts: which files, what was heard, and the bursts that can be placed."""
 
 import hashlib
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from datetime import UTC, date, datetime, timedelta
 from pathlib import Path
@@ -13,6 +13,7 @@ import xarray as xr
 
 import bella
 from bella.bursts.association import LOCALISABLE, AssociatedBurst, Member, associate, association_table
+from bella.bursts.channel_arrivals import channel_arrivals
 from bella.bursts.detection import CATALOGUED, search
 from bella.bursts.edges import METHOD_OF_EDGE
 from bella.bursts.timing import (
@@ -24,7 +25,7 @@ from bella.bursts.timing import (
     why_not_timed,
 )
 from bella.catalogue import Burst, BurstQuery, Catalogue, Detection, SearchedDay, SourceFile
-from bella.exceptions import BellaError, NoDataError
+from bella.exceptions import BellaError, InputError, NoDataError
 from bella.settings import Settings
 from bella.spectra import by_observatory, open_spectra
 from bella.spectra.archive import DayInMirror
@@ -245,7 +246,19 @@ def place_burst(day: HeardDay, burst: AssociatedBurst, burst_id: str) -> BurstIn
         float(known["frequency_mhz"].max()),
         tuple(dict.fromkeys(known["observatory"])),
     )
-    return BurstInput(record, arrivals, edges, _shown(members, burst), day.files.sources)
+    tables = _channel_tables({edge: timed[edge] for edge in arrivals})
+    shown = _shown(members, burst)
+    return BurstInput(record, arrivals, edges, shown, day.files.sources, channel_arrivals=tables)
+
+
+def _channel_tables(timed: Mapping[str, TimedBurst]) -> dict[str, pd.DataFrame]:
+    tables = {}
+    for edge, one in timed.items():
+        try:
+            tables[edge] = channel_arrivals(one)
+        except InputError as error:  # the track is then fitted to t(f)
+            log.warning("no channel edges for the track", edge=edge, reason=str(error))
+    return tables
 
 
 def _timed(members: Sequence[Member], method: str) -> TimedBurst:

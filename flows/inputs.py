@@ -47,6 +47,9 @@ class BurstInput:
     sources : tuple of SourceFile
     published_track : mapping
         What a paper says of the track; empty where there is none.
+    channel_arrivals : mapping of str to DataFrame
+        Arrival table of the channels themselves, by definition of the edge, from which the track is fitted jointly;
+        where there is none, that is done from `arrivals`.
     """
 
     burst: Burst
@@ -55,6 +58,7 @@ class BurstInput:
     spectra: xr.DataTree | None
     sources: tuple[SourceFile, ...]
     published_track: Mapping[str, Any] = field(default_factory=dict)
+    channel_arrivals: Mapping[str, pd.DataFrame] = field(default_factory=dict)
 
 
 def load_burst(subject: str, incoming: Path) -> BurstInput:

@@ -36,7 +36,7 @@ from flows.inputs import BurstInput, load_burst
 from flows.progress import counter
 from flows.publication import Draft, inputs_hash, publish, store_spectra
 from flows.solar_wind import Surroundings, draw_wind, has_wind, surroundings_of
-from flows.tracks import fitted_track
+from flows.tracks import Timing, fitted_track
 
 log = structlog.get_logger(__name__)
 
@@ -112,10 +112,10 @@ def solve(arrivals: pd.DataFrame, burst_id: str, series: Series, settings: Setti
 
 @coarse("fit")
 def fit(
-    posterior: xr.Dataset, arrivals: pd.DataFrame, series: Series, settings: Settings, around: Surroundings
+    posterior: xr.Dataset, timing: Timing, series: Series, settings: Settings, around: Surroundings
 ) -> tuple[dict[str, Any], xr.Dataset]:
     """Fit the spiral of the field line to the track, by every method."""
-    return fitted_track(posterior, arrivals, series, settings, around)
+    return fitted_track(posterior, timing, series, settings, around)
 
 
 @coarse("publish")
@@ -264,7 +264,10 @@ def _outcome(
     if same is not None:
         bound.info("nothing new", solution_id=same.solution_id)
         return Outcome(same, new=False, track=catalogue.track_fit(same.solution_id))
-    track, posterior = fit(solve(arrivals, given.burst.burst_id, series, settings), arrivals, series, settings, around)
+    channels = given.channel_arrivals.get(series.edge)
+    timing = Timing(arrivals, None if channels is None else place(channels))
+    posterior = solve(arrivals, given.burst.burst_id, series, settings)
+    track, posterior = fit(posterior, timing, series, settings, around)
     if given.published_track:
         track["published"] = dict(given.published_track)
     solution = record(Draft(given.burst, series, checksum, posterior, track, given.sources), settings)

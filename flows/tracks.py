@@ -1,6 +1,7 @@
 """What a solution says of its track: joint and two-step fit, and what stands beside them."""
 
 from collections.abc import Callable
+from dataclasses import dataclass
 from typing import Any
 
 import pandas as pd
@@ -9,23 +10,41 @@ import xarray as xr
 from bella.arrivals import ArrivalGrid, arrival_grid
 from bella.catalogue import Series
 from bella.exceptions import GeometryError, InputError, NoDataError
-from bella.flags import NOT_COMPUTED
+from bella.flags import APPARENT_SOURCE, NOT_COMPUTED
 from bella.multilateration.priors import apply_sigma_rule, find_preset
 from bella.settings import Settings
 from bella.tracks import JointFit, piecewise_fit, track_fit
 from bella.tracks.companions import density_companion, semp_companion
 from bella.tracks.published import MOST_FREQUENCIES, joint_track, thinned, with_joint_draws
+from bella.tracks.scattering_companion import scattering_companion
 from flows.solar_wind import Surroundings, footpoint_of, wind_of
 
 TRACK_RECIPE = {
     "most_frequencies": MOST_FREQUENCIES,
-    "companions": ["semp", "piecewise", "density_excess", "footpoint", "wind"],
+    "found_bursts": "channel edges",
+    "companions": ["semp", "piecewise", "density_excess", "scattering", "footpoint", "wind"],
 }
 """Choices that decide the track of a solution; another one makes a new version."""
 
 
+@dataclass(frozen=True)
+class Timing:
+    """Arrival times of a burst with one definition of the edge.
+
+    Attributes
+    ----------
+    arrivals : DataFrame
+        Located arrival table that the positions come from.
+    channels : DataFrame or None
+        Located arrival table of the channels themselves, for the joint fit; None: it is made from `arrivals`.
+    """
+
+    arrivals: pd.DataFrame
+    channels: pd.DataFrame | None = None
+
+
 def fitted_track(
-    posterior: xr.Dataset, arrivals: pd.DataFrame, series: Series, settings: Settings, around: Surroundings
+    posterior: xr.Dataset, timing: Timing, series: Series, settings: Settings, around: Surroundings
 ) -> tuple[dict[str, Any], xr.Dataset]:
     """Fit the track of a solution by every method.
 
@@ -33,8 +52,7 @@ def fitted_track(
     ----------
     posterior : xarray.Dataset
         A solution of :func:`bella.multilateration.localise`.
-    arrivals : pandas.DataFrame
-        The located arrival table that it was made from.
+    timing : Timing
     series : Series
     settings : Settings
     around : Surroundings
@@ -48,10 +66,16 @@ def fitted_track(
     posterior : xarray.Dataset
         With the draws of the joint fit.
     """
-    grid = apply_sigma_rule(arrival_grid(arrivals, heard_by=1), find_preset(series.preset))
+    preset = find_preset(series.preset)
+    grid, timed = (
+        apply_sigma_rule(arrival_grid(table, heard_by=1), preset)
+        for table in (timing.arrivals, timing.arrivals if timing.channels is None else timing.channels)
+    )
     two_step = track_fit(posterior)
-    joint, fit = joint_track(grid, two_step["rotation_period_d"], settings.draws, settings.seed)
-    track = two_step | {"joint": joint, "companions": companions(posterior, grid, fit, around)}
+    period_d, is_curve = two_step["rotation_period_d"], timing.channels is None
+    joint, fit = joint_track(timed, period_d, settings.draws, settings.seed, from_curve=is_curve)
+    beside = companions(posterior, grid, fit, around)
+    track = two_step | {"remark": APPARENT_SOURCE, "joint": joint, "companions": beside}
     track["companions"]["wind"] = attempted(lambda: wind_of(posterior, joint, around))
     return track, with_joint_draws(posterior, fit)
 
@@ -70,14 +94,16 @@ def companions(posterior: xr.Dataset, grid: ArrivalGrid, fit: JointFit, around: 
     Returns
     -------
     dict
-        Ready for JSON: ``semp``, ``weighted``, ``piecewise``, ``density_excess`` and ``footpoint``.
+        Ready for JSON: ``semp``, ``weighted``, ``piecewise``, ``density_excess``, ``scattering`` and ``footpoint``.
     """
     spirals = attempted(lambda: piecewise_fit(posterior))
+    density = attempted(lambda: density_companion(posterior))
     return {
         "semp": attempted(lambda: semp_companion(thinned(grid))),
         "weighted": spirals.get("weighted", spirals),
         "piecewise": spirals.get("piecewise", spirals),
-        "density_excess": attempted(lambda: density_companion(posterior)),
+        "density_excess": density,
+        "scattering": attempted(lambda: scattering_companion(density, fit)),
         "footpoint": attempted(lambda: footpoint_of(fit, grid.observatories, around)),
     }
 

@@ -51,6 +51,7 @@ def test_fit_of_the_published_burst(table: Path, tmp_path: Path) -> None:
     assert result.exit_code == 0, result.output
     track = read(output)
     assert (track["frame"], track["rotation_period_d"]) == ("HEE", 24.47)
+    assert track["remark"] == "apparent source: not corrected for scattering"
     joint, line = track["joint"], track["two_step"]
     assert abs(joint["phi0_deg"]["mean"] - 30.0) < 2 * joint["phi0_deg"]["sd"]
     assert abs(joint["v_sw_km_s"]["mean"] - 400.0) < 2 * joint["v_sw_km_s"]["sd"]

@@ -8,6 +8,7 @@ import xarray as xr
 
 import bella
 from bella.arrivals import ArrivalGrid
+from bella.flags import APPARENT_SOURCE
 from bella.multilateration.draws import Draws
 from bella.multilateration.flags import flags_of
 from bella.multilateration.priors import Preset
@@ -145,7 +146,7 @@ def _provenance(grid: ArrivalGrid, recipe: Recipe) -> dict[str, object]:
     return {
         "Conventions": "CF-1.11",
         "title": "Posterior of the apparent source of a Type III radio burst, one per frequency",
-        "comment": "Apparent source: no correction for scattering or refraction.",
+        "comment": f"{APPARENT_SOURCE}, nor for refraction",
         "frame": "HEE",
         "reference_time": f"{np.datetime_as_string(grid.reference_utc, unit='ms')}Z",
         "method": recipe.method,

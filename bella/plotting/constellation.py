@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from bella.flags import APPARENT_SOURCE
 from bella.plotting.geometry import (
     SPIRAL_POINTS,
     PolarTrack,
@@ -32,9 +33,11 @@ from bella.plotting.palette import (
     edge_name,
     track_style,
 )
+from bella.plotting.spiral_band import PERCENTS, band_outline, spiral_band
 from bella.units import AU_RSUN, FloatArray
 
 REGIONS_PER_TRACK = 6
+BAND_POINTS = 40
 RINGS_AU = (0.25, 0.5, 0.75, 1.0)
 NAMED_RINGS_AU = (0.5, 1.0)
 
@@ -51,11 +54,11 @@ def constellation_figure(tracks: Sequence[TrackView]) -> dict[str, Any]:
     -------
     dict
         ``data`` and ``layout``, only lists, numbers, text and None. Every trace of a track names it in ``legendgroup``
-        (its edge) and says in ``meta`` what it is: ``{"role": "track" | "anchor" | "region" | "selected" | "spiral"}``,
-        regions with their ``percent`` and ``frequency_mhz``.
+        (its edge) and says in ``meta`` what it is: ``{"role": "track" | "anchor" | "region" | "selected" | "spiral" |
+        "spiral_band"}``, regions with their ``percent`` and ``frequency_mhz``.
     """
     traces = [*_surroundings(tracks)]
-    for layer in (_region_traces, _spiral_traces, _selected_traces, _point_traces, _legend_trace):
+    for layer in (_band_traces, _region_traces, _spiral_traces, _selected_traces, _point_traces, _legend_trace):
         for index, track in enumerate(tracks):
             traces.extend(layer(track, track_style(track.edge, index)))
     if tracks:
@@ -227,6 +230,17 @@ def _spiral_traces(track: TrackView, style: TrackStyle) -> Iterator[dict[str, An
     }
 
 
+def _band_traces(track: TrackView, style: TrackStyle) -> Iterator[dict[str, Any]]:
+    """Where the spiral of the joint fit lies, by its draws."""
+    band = spiral_band(track.posterior, np.linspace(1.0, AU_RSUN, BAND_POINTS))
+    if band is None:
+        return
+    for percent in PERCENTS:
+        shape = {"type": "scatter", "mode": "lines", "fill": "toself", "fillcolor": style.shade(0.08)}
+        role = _member(track, "spiral_band", percent=percent)
+        yield {**shape, **_xy(band_outline(band, percent)), "line": {"width": 0}, "hoverinfo": "skip", **role}
+
+
 def _wind_remark(fit: Mapping[str, Any]) -> str:
     speed = float(fit["v_sw_km_s"]["mean"])
     return f"solar wind {speed:.0f} km/s" if speed > 0 else "bends the wrong way: no solar wind speed follows"
@@ -356,6 +370,7 @@ def _layout(tracks: Sequence[TrackView]) -> dict[str, Any]:
         "plot_bgcolor": "rgba(0,0,0,0)",
         "hoverlabel": {"align": "left"},
         "uirevision": "keep",
+        "meta": {"remark": APPARENT_SOURCE},
     }
 
 

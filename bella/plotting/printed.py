@@ -16,6 +16,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import FixedLocator, FuncFormatter, NullFormatter, NullLocator
 from PIL import Image
 
+from bella.flags import APPARENT_SOURCE
 from bella.plotting.constellation import REGIONS_PER_TRACK, RINGS_AU
 from bella.plotting.geometry import (
     SPIRAL_POINTS,
@@ -36,6 +37,7 @@ from bella.plotting.palette import (
     track_style,
 )
 from bella.plotting.spectra import QUANTITY_NAMES, Panel, burst_panels, shown_band, timed_edges
+from bella.plotting.spiral_band import PERCENTS, SpiralBand, band_outline, spiral_band
 from bella.units import AU_RSUN
 
 DOTS_PER_INCH = 160
@@ -112,7 +114,9 @@ def _draw_track(axes: Axes, track: TrackView, style: TrackStyle, norm: LogNorm) 
         axes.fill(*inner[np.isfinite(inner).all(axis=1)].T, color=style.colour, alpha=0.08, lw=0)
         axes.plot(*inner.T, color=style.colour, lw=0.8, alpha=0.7)
         axes.plot(*outer.T, color=style.colour, lw=0.6, ls=":", alpha=0.6)
-    spiral = fitted_spiral(track.track_fit, np.linspace(1.0, AU_RSUN, SPIRAL_POINTS))
+    outward = np.linspace(1.0, AU_RSUN, SPIRAL_POINTS)
+    _draw_band(axes, spiral_band(track.posterior, outward), style)
+    spiral = fitted_spiral(track.track_fit, outward)
     if spiral is not None:
         axes.plot(*spiral.T, color=style.colour, lw=1.4, ls="--", label=f"Parker spiral, {track.label}")
     axes.plot(polar.x_rsun, polar.y_rsun, color=style.colour, lw=4, solid_capstyle="round", label=track.label)
@@ -128,6 +132,14 @@ def _draw_track(axes: Axes, track: TrackView, style: TrackStyle, norm: LogNorm) 
         linewidths=1.6,
         zorder=6,
     )
+
+
+def _draw_band(axes: Axes, band: SpiralBand | None, style: TrackStyle) -> None:
+    """Where the spiral of the joint fit lies, by its draws."""
+    if band is None:
+        return
+    for percent in PERCENTS:
+        axes.fill(*band_outline(band, percent).T, color=style.shade_rgba(0.08), lw=0, zorder=1)
 
 
 def _finish_constellation(figure: Figure, axes: Axes, norm: LogNorm) -> None:
@@ -151,7 +163,7 @@ def _finish_constellation(figure: Figure, axes: Axes, norm: LogNorm) -> None:
     bar.ax.xaxis.set_minor_formatter(NullFormatter())
     bar.ax.set_xticks(ticks, [f"{f:g}" for f in ticks])
     axes.set_title(
-        "68 % regions filled, 95 % dotted; apparent source, no scattering correction", fontsize=8, color="0.4"
+        f"68 % regions filled, 95 % dotted; wedges: joint spiral; {APPARENT_SOURCE}", fontsize=8, color="0.4"
     )
 
 

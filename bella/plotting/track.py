@@ -14,6 +14,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import FixedLocator, FuncFormatter, NullFormatter, NullLocator
 
 from bella.exceptions import InputError
+from bella.flags import APPARENT_SOURCE
 from bella.heliosphere import DENSITY_MODELS, emission_frequency_mhz, spiral_longitude_deg
 from bella.heliosphere.density import CORONA_RSUN
 from bella.heliosphere.parker import SPIRAL_ORIGIN_RSUN
@@ -21,6 +22,7 @@ from bella.heliosphere.polar import has_longitude, polar_covariance
 from bella.plotting.geometry import PolarTrack, polar_track, spread_indices
 from bella.plotting.palette import FREQUENCY_TICKS_MHZ, TRACK_STYLES
 from bella.plotting.printed import save_png
+from bella.plotting.spiral_band import PERCENTS, SpiralBand, spiral_band
 from bella.units import AU_RSUN, FloatArray
 
 ELLIPSES = 14
@@ -51,9 +53,11 @@ def write_polar_fit_png(path: Path, posterior: xr.Dataset, fits: Mapping[str, An
     figure = Figure(figsize=(7.2, 4.6), layout="constrained")
     axes = figure.add_subplot()
     norm = LogNorm(float(track.frequency_mhz.min()), float(track.frequency_mhz.max()))
+    outward = np.linspace(SPIRAL_ORIGIN_RSUN, 1.05 * float(np.nanmax(track.range_rsun)), 200)
     _draw_ellipses(axes, posterior, longitude)
     axes.scatter(track.range_rsun, longitude, c=track.frequency_mhz, norm=norm, cmap="viridis", s=14, zorder=3)
-    _draw_fits(axes, fits, np.linspace(SPIRAL_ORIGIN_RSUN, 1.05 * float(np.nanmax(track.range_rsun)), 200), longitude)
+    _draw_fits(axes, fits, outward, longitude)
+    _draw_band(axes, spiral_band(posterior, outward), float(np.nanmedian(longitude)))
     _finish_polar(axes, longitude)
     _frequency_bar(figure, axes, norm)
     save_png(figure, path)
@@ -96,6 +100,23 @@ def _draw_ellipses(axes: Axes, posterior: xr.Dataset, longitude: FloatArray) -> 
             linewidths=0.8,
         )
     )
+
+
+def _draw_band(axes: Axes, band: SpiralBand | None, middle: float) -> None:
+    """Where the spiral of the joint fit lies, by its draws."""
+    if band is None:
+        return
+    moved = float(_nearest_turn(band.median_deg, middle)[0] - band.median_deg[0])
+    for percent in PERCENTS:
+        axes.fill_between(
+            band.range_rsun,
+            band.low_deg[percent] + moved,
+            band.high_deg[percent] + moved,
+            color=TRACK_STYLES[3].shade_rgba(0.12 if percent == PERCENTS[0] else 0.22),
+            lw=0,
+            zorder=1,
+            label=f"joint, {percent} %",
+        )
 
 
 def _draw_fits(axes: Axes, fits: Mapping[str, Any], range_rsun: FloatArray, longitude: FloatArray) -> None:
@@ -147,9 +168,7 @@ def _finish_polar(axes: Axes, longitude: FloatArray) -> None:
     axes.set_xlim(left=0.0)
     axes.set_xlabel(r"Distance from the Sun ($R_\odot$)")
     axes.set_ylabel("HEE longitude (degrees west of Earth)")
-    axes.set_title(
-        "Ellipses: one standard deviation; apparent source, no scattering correction", fontsize=8, color="0.4"
-    )
+    axes.set_title(f"Ellipses: one standard deviation; {APPARENT_SOURCE}", fontsize=8, color="0.4")
     axes.grid(color="0.92", lw=0.8)
     axes.set_axisbelow(True)
     if axes.get_legend_handles_labels()[0]:
@@ -219,7 +238,7 @@ def _draw_apparent(axes: Axes, track: PolarTrack, shown: Any) -> None:
         color=TRACK_STYLES[0].colour,
         ms=5,
         lw=1.0,
-        label="apparent source",
+        label=APPARENT_SOURCE,
         zorder=6,
     )
 

@@ -9,6 +9,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.patheffects import withStroke
 
+from bella.flags import APPARENT_SOURCE
 from bella.plotting.palette import INK, SUN, TRACK_STYLES
 from bella.plotting.printed import save_png
 from bella.solar_wind import FieldLine, SteadyWind
@@ -110,7 +111,7 @@ def _draw_track(axes: Axes, scene: WindScene) -> None:
         style = TRACK_STYLES[0]
         x, y = scene.source_rsun[:, 0], scene.source_rsun[:, 1]
         white = [withStroke(linewidth=5.0, foreground="white")]
-        axes.plot(x, y, color=style.colour, lw=3, path_effects=white, zorder=4, label="track, apparent source")
+        axes.plot(x, y, color=style.colour, lw=3, path_effects=white, zorder=4, label=f"track, {APPARENT_SOURCE}")
 
 
 def _finish(axes: Axes, wind: SteadyWind, utc: np.datetime64) -> None:

@@ -84,7 +84,7 @@ def test_a_filter_that_cannot_be_read_is_refused_by_name(client: TestClient, que
 def test_a_burst_has_the_newest_solution_of_each_series(client: TestClient) -> None:
     reply = client.get(BURST).json()
     assert {(s["edge"], s["version"]) for s in reply["solutions"]} == {("half_maximum", 2), ("gauss_hermite", 1)}
-    assert reply["remark"] == "apparent source: no scattering correction"
+    assert reply["remark"] == "apparent source: not corrected for scattering"
     assert reply["start_utc"] == "2012-06-07T19:29:15Z"
 
 
@@ -132,7 +132,7 @@ def test_csv_has_the_numbers_of_json_under_a_commented_header(client: TestClient
     assert reply.headers["content-type"].startswith("text/csv")
     lines = reply.text.splitlines()
     comments = [line for line in lines if line.startswith("#")]
-    assert "# remark: apparent source: no scattering correction" in comments
+    assert "# remark: apparent source: not corrected for scattering" in comments
     table = list(csv.DictReader(io.StringIO("\n".join(line for line in lines if not line.startswith("#")))))
     rows = client.get(f"{BURST}/track").json()["localisations"]
     np.testing.assert_allclose([float(row["x_rsun"]) for row in table], [row["x_rsun"] for row in rows], rtol=1e-9)

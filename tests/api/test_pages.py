@@ -6,6 +6,7 @@ import pytest
 from fastapi.testclient import TestClient
 
 from api.app import create_app
+from api.track_section import DASH
 from bella.settings import Settings
 from tests.plotting.synthetic import BURST_ID
 
@@ -60,7 +61,7 @@ def test_burst_page_shows_both_fits_and_that_the_edge_decides(client: TestClient
     table = text[text.index('class="fits"') : text.index('id="track-title"')]
     assert table.count("24.47") == table.count("25.38") == 2
     assert "decides the track" in text
-    assert "apparent source: no scattering correction" in text
+    assert "apparent source: not corrected for scattering" in text
     assert "speed not constrained (contraction 0.99)" in text
 
 
@@ -84,6 +85,16 @@ def test_track_section_has_a_column_per_method_and_says_why_they_differ(client: 
     ):
         assert words in section, words
     assert "<img" not in section, "a run that was killed before it drew has no figures"
+
+
+def test_track_section_holds_apparent_and_corrected_sources(client: TestClient) -> None:
+    text = page(client, f"/bursts/{BURST_ID}")
+    table = text[text.index('class="scattering"') : text.index("</table>", text.index('class="scattering"'))]
+    first, second = (re.findall(r"<td[^>]*>([^<]+)</td>", row) for row in table.split("<tbody>")[1].split("</tr>")[:2])
+    assert first == ["0.17", "86.0 ± 9.0", "4.8", "40.0 ± 4.2", "394", "1.2", "61.2 ± 4.2", "201", "1.2"]
+    assert set(second[2:]) == {DASH}
+    for words in ("Not corrected", "10.3847/1538-4357/acf6c1", "29.1 ± 4.4° and 188 ± 31 km/s as fundamental"):
+        assert words in text, words
 
 
 def test_burst_page_of_an_older_version_has_no_track_section(settings_of_old: Settings) -> None:

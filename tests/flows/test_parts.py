@@ -20,6 +20,7 @@ from bella.bursts import EVENT, half_maximum_arrivals, published_arrivals
 from bella.catalogue import Catalogue, Series
 from bella.cli import app
 from bella.exceptions import BusyError, GeometryError, InputError, NoDataError, StoreError, UnreachableError
+from bella.flags import APPARENT_SOURCE
 from bella.multilateration import localise
 from bella.settings import Settings
 from bella.tracks import track_fit
@@ -27,7 +28,7 @@ from flows import environment, progress
 from flows.inputs import load_burst
 from flows.publication import Draft, inputs_hash, publish, solution_flags
 from flows.solar_wind import surroundings_of
-from flows.tracks import attempted, fitted_track
+from flows.tracks import Timing, attempted, fitted_track
 
 SERIES = Series("half_maximum", "posterior", "default", 2)
 UNKNOWN = surroundings_of(datetime(2012, 6, 7, 19, 20, tzinfo=UTC), Settings(in_situ=None, regions=None))
@@ -87,10 +88,12 @@ def test_track_of_a_solution_holds_every_method_and_its_draws_reach_the_store(tm
     settings = Settings(home=tmp_path, draws=500)
     arrivals = locate_receivers(half_maximum_arrivals())
     given = load_burst(EVENT.name, Path("nowhere"))
-    track, posterior = fitted_track(localise(arrivals, draws=200), arrivals, SERIES, settings, UNKNOWN)
+    track, posterior = fitted_track(localise(arrivals, draws=200), Timing(arrivals), SERIES, settings, UNKNOWN)
     assert track["joint"]["frequencies"] == 40
     assert track["joint"]["rotation_period_d"] == track["rotation_period_d"] == 24.47
-    assert set(track["companions"]) == {"semp", "weighted", "piecewise", "density_excess", "footpoint", "wind"}
+    names = {"semp", "weighted", "piecewise", "density_excess", "scattering", "footpoint", "wind"}
+    assert set(track["companions"]) == names
+    assert track["remark"] == track["companions"]["scattering"]["apparent"] == APPARENT_SOURCE
     assert [name for name, one in track["companions"].items() if "reason" in one] == ["wind"]
     with closing(Catalogue.open(settings.catalogue_url, create=True)) as catalogue:
         solution = publish(Draft(given.burst, SERIES, "0" * 64, posterior, track, given.sources), catalogue, settings)
@@ -105,7 +108,7 @@ def test_track_of_a_solution_holds_every_method_and_its_draws_reach_the_store(tm
 
 def test_what_cannot_be_computed_says_why_and_stops_nothing(located: Any) -> None:
     alone = located[located["frequency_mhz"] == 1.0]
-    track, posterior = fitted_track(localise(alone, draws=200), alone, SERIES, Settings(), UNKNOWN)
+    track, posterior = fitted_track(localise(alone, draws=200), Timing(alone), SERIES, Settings(), UNKNOWN)
     assert track["joint"]["flags"] == ["too_few_frequencies"]
     assert "joint_draws" not in posterior
     found = track["companions"]

@@ -86,6 +86,11 @@ def test_bursts_of_a_day_are_placed_where_they_were(processed: Processed) -> Non
             off = [math.hypot(row.x_rsun - x, row.y_rsun - y) for row, (x, y, _) in zip(rows, source, strict=True)]
             assert np.median(off) < 5.0, name
             assert {one.dataset for one in catalogue.sources(solution.solution_id)} <= set(DATASETS)
+            joint = catalogue.track_fit(solution.solution_id)["joint"]
+            assert joint["times"] == "channel edges"
+            assert joint["frequencies"] == joint["of_frequencies"] > 40
+            away = (joint["phi0_deg"]["mean"] - truth.phi0_deg + 180) % 360 - 180
+            assert abs(away) < 4 * joint["phi0_deg"]["sd"], name
 
 
 def utc(moment: np.datetime64) -> datetime:

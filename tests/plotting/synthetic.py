@@ -176,6 +176,7 @@ def synthetic_companions(phi0: float) -> dict:
             "rotation_period_d": 27.32,
             "flags": [],
         },
+        **synthetic_scattering(),
         "piecewise": {"flags": ["not_computed"], "reason": "a spiral needs 3 positions; add frequencies"},
         "footpoint": {
             "stonyhurst": foot,
@@ -184,6 +185,37 @@ def synthetic_companions(phi0: float) -> dict:
                 {"observatory": "WIND", "flags": [], **angles},
                 {"observatory": "VOYAGER", "flags": ["not_computed"], "reason": "VOYAGER is not known"},
             ],
+            "flags": [],
+        },
+    }
+
+
+def synthetic_scattering() -> dict:
+    """Density excess and scattering at two frequencies, the higher of which no model was computed for."""
+    excess = {"mean": 4.8, "q16": 3.9, "q84": 5.8}
+    nothing = {"range_rsun": None, "range_sd_rsun": None, "delay_s": None, "excess": dict.fromkeys(excess)}
+    inside = {
+        "range_rsun": 40.0,
+        "range_sd_rsun": 4.2,
+        "delay_s": 394.0,
+        "excess": {"mean": 1.2, "q16": 1.0, "q84": 1.5},
+    }
+    row = {"frequency_mhz": 0.167, "apparent_rsun": 86.0, "apparent_sd_rsun": 9.0}
+    far = {"frequency_mhz": 25.0, "apparent_rsun": 1.5, "apparent_sd_rsun": None}
+    spiral = {"phi0_deg": {"mean": 29.1, "sd": 4.4}, "v_sw_km_s": {"mean": 188.0, "sd": 31.0}}
+    return {
+        "density_excess": {
+            "rows": [{"frequency_mhz": 0.167, "harmonic": excess}, {"frequency_mhz": 25.0}],
+            "flags": [],
+        },
+        "scattering": {
+            "source": "Kontar et al. 2023, ApJ 956, 112, doi:10.3847/1538-4357/acf6c1",
+            "not_in_errors": "half or twice the nominal turbulence",
+            "rows": [
+                {**row, "fundamental": inside, "harmonic": {**inside, "range_rsun": 61.2, "delay_s": 201.0}},
+                {**far, "fundamental": nothing, "harmonic": nothing},
+            ],
+            "joint": {"fundamental": spiral},
             "flags": [],
         },
     }

@@ -1,5 +1,7 @@
 """The joint fit as it is published: no more frequencies than say something, its draws beside those of the positions."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 import xarray as xr
@@ -22,6 +24,37 @@ def test_reading_a_curve_at_more_frequencies_does_not_make_the_errors_smaller() 
         return float(joint["v_sw_km_s"]["sd"])
 
     assert wind_sd(400) == pytest.approx(wind_sd(40), rel=0.15)
+
+
+def test_edges_of_channels_are_all_taken_each_with_its_own_frequency() -> None:
+    alone = np.where(np.arange(3) == np.arange(40)[:, None] % 3, 1.0, np.nan)
+    channels = replace(GRID, arrival_s=GRID.arrival_s * alone, sigma_s=GRID.sigma_s * alone)
+    both = replace(
+        channels,
+        **{name: np.concatenate([getattr(channels, name)] * 2) for name in ("arrival_s", "sigma_s", "receiver_rsun")},
+        frequency_mhz=np.concatenate([channels.frequency_mhz, channels.frequency_mhz * 1.0001]),
+        **{name: np.zeros((80, 3)) for name in ("delay_s", "delay_sd_s", "offset_sd_s")},
+    )
+    once, _ = joint_track(channels, 25.38, 2000, 1, from_curve=False)
+    twice, _ = joint_track(both, 25.38, 2000, 1, from_curve=False)
+    assert (once["times"], once["frequencies"], twice["frequencies"]) == ("channel edges", 40, 80)
+    for name in ("phi0_deg", "a_rsun"):
+        assert twice[name]["sd"] == pytest.approx(once[name]["sd"] / np.sqrt(2), rel=0.15)
+
+
+@pytest.mark.parametrize("times_too_small", [3.0, 40.0])
+def test_errors_that_do_not_explain_the_edges_are_widened_by_the_misfit(times_too_small: float) -> None:
+    small = replace(GRID, sigma_s=GRID.sigma_s / times_too_small)
+    joint, fit = joint_track(small, 25.38, 1000, 1, from_curve=False)
+    honest, _ = joint_track(GRID, 25.38, 1000, 1, from_curve=False)
+    careless, _ = joint_track(small, 25.38, 1000, 1)
+    assert joint["error_scale"] == pytest.approx(times_too_small, rel=0.25)
+    assert "poor_fit" in joint["flags"]
+    assert list(fit.flags) == joint["flags"]
+    assert joint["phi0_deg"]["sd"] == pytest.approx(honest["phi0_deg"]["sd"], rel=0.35)
+    assert (honest["error_scale"], careless["error_scale"]) == (1.0, 1.0)
+    assert "poor_fit" not in honest["flags"]
+    assert "poor_fit" in careless["flags"]
 
 
 def test_thinning_keeps_both_ends_and_spreads_the_rest_in_logarithm() -> None:
