@@ -157,7 +157,9 @@ def test_posterior_summary_is_the_group_without_its_draws(client: TestClient) ->
 
 
 def test_regions_at_a_frequency_come_for_every_edge(client: TestClient) -> None:
-    regions = client.get(f"{BURST}/regions", params={"frequency_mhz": 0.3}).json()["regions"]
+    reply = client.get(f"{BURST}/regions", params={"frequency_mhz": 0.3}).json()
+    regions = reply["regions"]
+    assert reply["remark"] == "apparent source: not corrected for scattering"
     assert {region["edge"] for region in regions} == set(EDGES)
     assert len({region["frequency_mhz"] for region in regions}) == 1
     assert all(len(region["region68"]["x"]) > 10 for region in regions)

@@ -28,12 +28,14 @@ def test_reading_a_curve_at_more_frequencies_does_not_make_the_errors_smaller() 
 
 def test_edges_of_channels_are_all_taken_each_with_its_own_frequency() -> None:
     alone = np.where(np.arange(3) == np.arange(40)[:, None] % 3, 1.0, np.nan)
-    channels = replace(GRID, arrival_s=GRID.arrival_s * alone, sigma_s=GRID.sigma_s * alone)
+    shared_s = np.full((40, 3), 0.1)
+    channels = replace(GRID, arrival_s=GRID.arrival_s * alone, sigma_s=GRID.sigma_s * alone, offset_sd_s=shared_s)
     both = replace(
         channels,
         **{name: np.concatenate([getattr(channels, name)] * 2) for name in ("arrival_s", "sigma_s", "receiver_rsun")},
         frequency_mhz=np.concatenate([channels.frequency_mhz, channels.frequency_mhz * 1.0001]),
-        **{name: np.zeros((80, 3)) for name in ("delay_s", "delay_sd_s", "offset_sd_s")},
+        **{name: np.zeros((80, 3)) for name in ("delay_s", "delay_sd_s")},
+        offset_sd_s=np.full((80, 3), 0.1),
     )
     once, _ = joint_track(channels, 25.38, 2000, 1, from_curve=False)
     twice, _ = joint_track(both, 25.38, 2000, 1, from_curve=False)
