@@ -35,6 +35,7 @@ def test_the_table_is_read_by_localise_and_gives_the_track(files: list[str], tmp
     assert result.exit_code == 0, result.output
     done = CliRunner().invoke(app, ["localise", str(table), "--output", str(places)])
     assert done.exit_code == 0, done.output
+    assert "# remark: apparent source: not corrected for scattering" in places.read_text()
     found = pd.read_csv(places, comment="#").set_index("frequency_mhz")
     distance = pd.Series(np.hypot(found["x_rsun"], found["y_rsun"]), index=found.index)
     for frequency_mhz, expected in ((1.0, 25.3), (0.6, 40.0), (0.4, 55.6)):
