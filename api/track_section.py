@@ -4,6 +4,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
+from api.direction_section import crossing_words, fused_words
 from api.remarks import remarks_of
 from api.rendering import written_error
 from api.scattering_section import ScatteringTable, scattering_table
@@ -12,7 +13,14 @@ from api.wind_section import footpoint_words, track_wind_words
 
 Fit = Mapping[str, Any]
 DASH = "\N{EN DASH}"
-METHODS = {"joint": "Joint", "two_step": "Two-step", "piecewise": "Piecewise", "semp": "SEMP", "published": "Paper"}
+METHODS = {
+    "joint": "Joint",
+    "fused": "Fused",
+    "two_step": "Two-step",
+    "piecewise": "Piecewise",
+    "semp": "SEMP",
+    "published": "Paper",
+}
 ROWS = {
     "phi0_deg": ("φ₀ at 1 R☉ (°)", 1),
     "v_sw_km_s": ("Solar wind (km/s)", 0),
@@ -51,6 +59,10 @@ class TrackSection:
         Title, address and description of each figure that was drawn.
     scattering : ScatteringTable or None
         Apparent and corrected sources; None where not asked.
+    directions : str
+        Where wave directions cross; empty where there are none.
+    fused : str
+        What each ingredient adds to the fused fit; empty where there are arrival times alone.
     """
 
     solution: SolutionReply
@@ -61,6 +73,8 @@ class TrackSection:
     wind: str
     figures: list[tuple[str, str, str]]
     scattering: ScatteringTable | None = None
+    directions: str = ""
+    fused: str = ""
 
 
 def track_section(solution: SolutionReply, track: Fit, figures: list[tuple[str, str, str]]) -> TrackSection | None:
@@ -88,7 +102,8 @@ def track_section(solution: SolutionReply, track: Fit, figures: list[tuple[str, 
     foot = footpoint_words(beside.get("footpoint", {}))
     methods, remarks = [METHODS[name] for name in fits], remarks_of(fits, track)
     wind, scattered = track_wind_words(track), scattering_table(beside)
-    return TrackSection(solution, methods, rows, remarks, foot, wind, figures, scattered)
+    more = crossing_words(beside), fused_words(beside)
+    return TrackSection(solution, methods, rows, remarks, foot, wind, figures, scattered, *more)
 
 
 def fits_of(track: Fit) -> dict[str, Fit]:
@@ -103,7 +118,8 @@ def fits_of(track: Fit) -> dict[str, Fit]:
     dict of str to mapping
     """
     known = {**track.get("companions", {}), **track}
-    return {name: known[name] for name in METHODS if known.get(name)}
+    # most bursts have arrival times alone, and a column of dashes says no more than the joint one
+    return {name: known[name] for name in METHODS if known.get(name) and (name != "fused" or "phi0_deg" in known[name])}
 
 
 def cell(fit: Fit, name: str, digits: int) -> Cell:

@@ -29,6 +29,7 @@ from bella.exceptions import BellaError, InputError, NoDataError
 from bella.settings import Settings
 from bella.spectra import by_observatory, open_spectra
 from bella.spectra.archive import DayInMirror
+from flows.directions import burst_directions
 from flows.inputs import BurstInput, aware
 from flows.solar_wind import day_digest
 
@@ -247,8 +248,13 @@ def place_burst(day: HeardDay, burst: AssociatedBurst, burst_id: str) -> BurstIn
         tuple(dict.fromkeys(known["observatory"])),
     )
     tables = _channel_tables({edge: timed[edge] for edge in arrivals})
-    shown = _shown(members, burst)
-    return BurstInput(record, arrivals, edges, shown, day.files.sources, channel_arrivals=tables)
+    shown, directions = _shown(members, burst), _directions(members, burst, record)
+    return BurstInput(record, arrivals, edges, shown, day.files.sources, channel_arrivals=tables, directions=directions)
+
+
+def _directions(members: Sequence[Member], burst: AssociatedBurst, record: Burst) -> pd.DataFrame:
+    start, band = burst.start_utc.to_datetime64(), (record.f_low_mhz, record.f_high_mhz)
+    return burst_directions([one.searched.over for one in members], (start - SHOWN_BEFORE, start + SHOWN_AFTER), band)
 
 
 def _channel_tables(timed: Mapping[str, TimedBurst]) -> dict[str, pd.DataFrame]:

@@ -50,6 +50,8 @@ class BurstInput:
     channel_arrivals : mapping of str to DataFrame
         Arrival table of the channels themselves, by definition of the edge, from which the track is fitted jointly;
         where there is none, that is done from `arrivals`.
+    directions : DataFrame or None
+        Wave directions, where the spectra carry them.
     """
 
     burst: Burst
@@ -59,6 +61,7 @@ class BurstInput:
     sources: tuple[SourceFile, ...]
     published_track: Mapping[str, Any] = field(default_factory=dict)
     channel_arrivals: Mapping[str, pd.DataFrame] = field(default_factory=dict)
+    directions: pd.DataFrame | None = None
 
 
 def load_burst(subject: str, incoming: Path) -> BurstInput:

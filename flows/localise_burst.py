@@ -265,7 +265,7 @@ def _outcome(
         bound.info("nothing new", solution_id=same.solution_id)
         return Outcome(same, new=False, track=catalogue.track_fit(same.solution_id))
     channels = given.channel_arrivals.get(series.edge)
-    timing = Timing(arrivals, None if channels is None else place(channels))
+    timing = Timing(arrivals, None if channels is None else place(channels), given.directions)
     posterior = solve(arrivals, given.burst.burst_id, series, settings)
     track, posterior = fit(posterior, timing, series, settings, around)
     if given.published_track:

@@ -1,6 +1,6 @@
 """What a solution says of its track: joint and two-step fit, and what stands beside them."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -13,16 +13,24 @@ from bella.exceptions import GeometryError, InputError, NoDataError
 from bella.flags import APPARENT_SOURCE, NOT_COMPUTED
 from bella.multilateration.priors import apply_sigma_rule, find_preset
 from bella.settings import Settings
-from bella.tracks import JointFit, piecewise_fit, track_fit
+from bella.tracks import DirectionTerms, JointFit, JointOptions, piecewise_fit, track_fit
 from bella.tracks.companions import density_companion, semp_companion
-from bella.tracks.published import MOST_FREQUENCIES, joint_track, thinned, with_joint_draws
+from bella.tracks.published import (
+    FEWEST_DRAWS,
+    MOST_FREQUENCIES,
+    as_fitted,
+    joint_track,
+    thinned,
+    with_joint_draws,
+)
 from bella.tracks.scattering_companion import scattering_companion
+from flows.directions import crossing, directed, fused
 from flows.solar_wind import Surroundings, footpoint_of, wind_of
 
 TRACK_RECIPE = {
     "most_frequencies": MOST_FREQUENCIES,
     "found_bursts": "channel edges",
-    "companions": ["semp", "piecewise", "density_excess", "scattering", "footpoint", "wind"],
+    "companions": ["semp", "piecewise", "density_excess", "scattering", "footpoint", "wind", "triangulation", "fused"],
 }
 """Choices that decide the track of a solution; another one makes a new version."""
 
@@ -37,10 +45,13 @@ class Timing:
         Located arrival table that the positions come from.
     channels : DataFrame or None
         Located arrival table of the channels themselves, for the joint fit; None: it is made from `arrivals`.
+    directions : DataFrame or None
+        Wave directions of the burst, where its spectra carry them.
     """
 
     arrivals: pd.DataFrame
     channels: pd.DataFrame | None = None
+    directions: pd.DataFrame | None = None
 
 
 def fitted_track(
@@ -75,9 +86,42 @@ def fitted_track(
     period_d, is_curve = two_step["rotation_period_d"], timing.channels is None
     joint, fit = joint_track(timed, period_d, settings.draws, settings.seed, from_curve=is_curve)
     beside = companions(posterior, grid, fit, around)
+    beside["wind"] = attempted(lambda: wind_of(posterior, joint, around))
+    options = JointOptions(max(settings.draws, FEWEST_DRAWS), settings.seed)
+    beside |= more_than_times(timing, as_fitted(timed, joint), beside["wind"], period_d, options)
     track = two_step | {"remark": APPARENT_SOURCE, "joint": joint, "companions": beside}
-    track["companions"]["wind"] = attempted(lambda: wind_of(posterior, joint, around))
     return track, with_joint_draws(posterior, fit)
+
+
+def more_than_times(
+    timing: Timing, grid: ArrivalGrid, wind: Mapping[str, Any], rotation_period_d: float, options: JointOptions
+) -> dict[str, Any]:
+    """What wave directions, and a measured wind, say with the arrival times and without.
+
+    Parameters
+    ----------
+    timing : Timing
+    grid : ArrivalGrid
+        Arrival times as the joint fit took them.
+    wind : mapping
+        Companion of that name.
+    rotation_period_d : float
+        Rotation period of the Sun, days.
+    options : JointOptions
+
+    Returns
+    -------
+    dict
+        Ready for JSON: ``triangulation`` and ``fused``.
+    """
+
+    def _known() -> tuple[pd.DataFrame, DirectionTerms] | None:
+        return directed(timing.directions, timing.arrivals, grid.reference_utc)
+
+    return {
+        "triangulation": attempted(lambda: crossing(_known())),
+        "fused": attempted(lambda: fused(grid, _known(), wind, rotation_period_d, options)),
+    }
 
 
 def companions(posterior: xr.Dataset, grid: ArrivalGrid, fit: JointFit, around: Surroundings) -> dict[str, Any]:

@@ -6,7 +6,7 @@ errors are too small, as the curve has few terms: bursts that are found are fitt
 """
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 from typing import Any
 
@@ -25,6 +25,8 @@ MOST_FREQUENCIES = 40
 """Channels of one STEREO receiver between 0.15 and 2 MHz; coverage was measured with as many."""
 
 FEWEST_DRAWS = 100
+TABLE = "arrival table"
+"""Where the times of a joint fit come from that lie on a curve."""
 POOR_FIT = "poor_fit"
 MOST_DOUBLED = 64.0
 LEAST_PROBABILITY = 1e-280
@@ -88,9 +90,27 @@ def joint_track(
     fit, scale = (fitted(1.0), 1.0) if from_curve else explained(fitted, size)
     said = joint_json(fit) | {"error_scale": scale}
     count, total = few.frequency_mhz.size, grid.frequency_mhz.size
-    times = "arrival table" if from_curve else "channel edges"
+    times = TABLE if from_curve else "channel edges"
     said["model"] += f"; {times}, {count} of {total} frequencies, timing errors of the solution, {_offsets(fit)}"
     return said | {"times": times, "frequencies": count, "of_frequencies": total}, fit
+
+
+def as_fitted(grid: ArrivalGrid, joint: Mapping[str, Any]) -> ArrivalGrid:
+    """Arrival times as the joint fit of a solution took them.
+
+    Parameters
+    ----------
+    grid : ArrivalGrid
+        That :func:`joint_track` was given.
+    joint : mapping
+        That it returned.
+
+    Returns
+    -------
+    ArrivalGrid
+    """
+    few = thinned(grid) if joint["times"] == TABLE else grid
+    return replace(few, sigma_s=float(joint["error_scale"]) * few.sigma_s)
 
 
 def _offsets(fit: JointFit) -> str:

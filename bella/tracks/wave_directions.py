@@ -63,7 +63,7 @@ def wave_directions(spectrum: xr.Dataset, window: tuple[np.datetime64, np.dateti
     frame = next((one for one in FRAMES if all(name.format(one) in spectrum for name in ANGLES)), None)
     if frame is None:
         raise InputError("spectrum has no wave directions; take STEREO L3 or Wind RAD1 L3 files, which carry them")
-    shown = spectrum.sel(time=slice(*window)).transpose("time", "frequency")
+    shown = spectrum.sel(time=slice(*window)).transpose("time", "frequency", ...)
     if shown.sizes["time"] < MIN_SAMPLES:
         raise InputError(f"spectrum has fewer than {MIN_SAMPLES} samples between {window[0]} and {window[1]}")
     name, utc = str(spectrum.attrs.get("observatory", "")), shown["time"].to_numpy()[0]

@@ -1,0 +1,116 @@
+"""Wave directions from the files of a day to a solution: found with the burst, crossed, fused with its times."""
+
+from datetime import date
+from typing import Any
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from bella.arrivals import locate_receivers
+from bella.catalogue import Series
+from bella.multilateration import localise
+from bella.settings import Settings
+from bella.simulation.archive_days import simulate_days
+from bella.tracks import JointModel, JointOptions
+from flows.days import DayFiles, HeardDay, hear, place_burst
+from flows.directions import known_wind
+from flows.inputs import BurstInput
+from flows.solar_wind import surroundings_of
+from flows.tracks import Timing, fitted_track, more_than_times
+from tests.tracks.bursts import simulated, standard
+
+DAY, SEED = date(2012, 6, 5), 1
+PHI0_DEG = -62.0
+"""Of the burst that is released at 18:43:00."""
+
+EDGE = "half_rise"
+
+
+@pytest.fixture(scope="module")
+def heard(tmp_path_factory: pytest.TempPathFactory) -> HeardDay:
+    root = tmp_path_factory.mktemp("archive")
+    stereo = [f"ST{side}_L3_WAV_{band}" for side in "AB" for band in ("LFR", "HFR")]
+    simulate_days(root, [DAY], SEED, ("WI_L2_WAV_RAD1", "WI_L2_WAV_RAD2", *stereo))
+    return hear(DayFiles(DAY, tuple(sorted(root.rglob("*.cdf"))), (), "files"))
+
+
+@pytest.fixture(scope="module")
+def given(heard: HeardDay) -> BurstInput:
+    (burst,) = [one for one in heard.bursts if one.start_utc.hour == 18]
+    found = place_burst(heard, burst, "burst")
+    assert isinstance(found, BurstInput), found
+    return found
+
+
+def beside(given: BurstInput, directions: pd.DataFrame | None) -> dict[str, Any]:
+    """Track of the burst with these directions."""
+    arrivals, settings = locate_receivers(given.arrivals[EDGE]), Settings(draws=1000)
+    posterior = localise(arrivals, draws=50)
+    timing = Timing(arrivals, locate_receivers(given.channel_arrivals[EDGE]), directions)
+    around = surroundings_of(given.burst.start_utc, settings)
+    return fitted_track(posterior, timing, Series(EDGE, "posterior", "default", 2), settings, around)[0]
+
+
+@pytest.fixture(scope="module")
+def track(given: BurstInput) -> dict[str, Any]:
+    return beside(given, given.directions)
+
+
+def test_a_found_burst_brings_the_directions_of_its_files(given: BurstInput) -> None:
+    assert given.directions is not None
+    assert given.directions.groupby("observatory").size().between(25, 45).all()
+    assert set(given.directions["observatory"]) == {"STEREO-A", "STEREO-B"}
+    inside = given.directions["frequency_mhz"].between(given.burst.f_low_mhz, given.burst.f_high_mhz)
+    assert inside.all()
+
+
+def test_directions_cross_where_the_arrival_times_say(track: dict[str, Any]) -> None:
+    rows = track["companions"]["triangulation"]["rows"]
+    assert len(rows) >= 3
+    joint = track["joint"]
+    for row in rows:
+        expected = joint["a_rsun"]["mean"] * (row["frequency_mhz"] / 0.55) ** joint["b"]["mean"]
+        assert abs(row["range_rsun"] - expected) < 3 * row["range_sd_rsun"]
+
+
+def test_the_fused_fit_holds_the_truth_and_says_what_directions_add(track: dict[str, Any]) -> None:
+    fused, joint = track["companions"]["fused"], track["joint"]
+    assert [one["name"] for one in fused["ingredients"]] == ["arrival_times", "wave_directions"]
+    assert fused["phi0_deg"]["q2_5"] < PHI0_DEG < fused["phi0_deg"]["q97_5"]
+    # the fit of all that is left without directions is the joint fit itself: the same times, the same widened errors
+    without = fused["ingredients"][1]["without"]
+    assert without["phi0_deg"]["mean"] == pytest.approx(joint["phi0_deg"]["mean"], abs=0.2 * joint["phi0_deg"]["sd"])
+    assert without["phi0_deg"]["sd"] == pytest.approx(joint["phi0_deg"]["sd"], rel=0.1)
+    assert "ingredients_disagree" not in fused["flags"]
+
+
+def test_a_burst_of_arrival_times_alone_says_so(given: BurstInput) -> None:
+    companions = beside(given, None)["companions"]
+    for name, words in (("triangulation", "no wave directions"), ("fused", "neither wave directions nor")):
+        assert companions[name]["flags"] == ["not_computed"]
+        assert words in companions[name]["reason"]
+
+
+def test_a_measured_wind_is_as_uncertain_as_its_misfit() -> None:
+    row = {"range_rsun": 50.0, "v_sw_km_s": {"mean": 400.0, "sd": 10.0}}
+    wind = {
+        "along_track": [row, row | {"v_sw_km_s": {"mean": 500.0, "sd": 10.0}}],
+        "observatories": [{"rmse_km_s": 60.0}, {"rmse_km_s": 100.0}],
+    }
+    known = known_wind(wind)
+    assert known is not None
+    assert known.v_sw_km_s == pytest.approx(2 / (1 / 400 + 1 / 500))
+    assert known.sd_km_s == pytest.approx(np.sqrt(10.0**2 + (60.0**2 + 100.0**2) / 2))
+    assert known_wind({"flags": ["not_computed"], "reason": "no files"}) is None
+    assert known_wind(wind | {"along_track": []}) is None
+
+
+def test_a_wind_alone_is_an_ingredient(given: BurstInput) -> None:
+    model = JointModel()
+    grid = simulated(standard(model, 30.0, 400.0), model, np.random.default_rng(2))
+    row = {"range_rsun": 50.0, "v_sw_km_s": {"mean": 400.0, "sd": 10.0}}
+    wind = {"along_track": [row], "observatories": [{"rmse_km_s": 20.0}]}
+    said = more_than_times(Timing(given.arrivals[EDGE]), grid, wind, 25.38, JointOptions(1000))["fused"]
+    assert [one["name"] for one in said["ingredients"]] == ["arrival_times", "wind_prior"]
+    assert said["v_sw_km_s"]["sd"] < 25
