@@ -232,8 +232,8 @@ class TrackFitReply(Reply):
     companions: dict[str, dict[str, Any]] = Field(
         default_factory=dict,
         description="What other methods say: `semp`, `weighted`, `piecewise`, `density_excess`, `scattering`, "
-        "`footpoint`, `wind`, `triangulation`, `fused`. Each has `flags`; with `not_computed` it has a "
-        "`reason` and nothing else.",
+        "`footpoint`, `wind`, `triangulation`, `fused`, `models`. Each has `flags`; with `not_computed` it "
+        "has a `reason` and nothing else.",
     )
     published: dict[str, Any] | None = Field(default=None, description="What a paper says of this track, if it does.")
 

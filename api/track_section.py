@@ -5,6 +5,7 @@ from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 from api.direction_section import crossing_words, fused_words
+from api.model_section import model_words
 from api.remarks import remarks_of
 from api.rendering import written_error
 from api.scattering_section import ScatteringTable, scattering_table
@@ -63,6 +64,8 @@ class TrackSection:
         Where wave directions cross; empty where there are none.
     fused : str
         What each ingredient adds to the fused fit; empty where there are arrival times alone.
+    models : str
+        Models by their evidence; empty where none were weighed.
     """
 
     solution: SolutionReply
@@ -75,6 +78,7 @@ class TrackSection:
     scattering: ScatteringTable | None = None
     directions: str = ""
     fused: str = ""
+    models: str = ""
 
 
 def track_section(solution: SolutionReply, track: Fit, figures: list[tuple[str, str, str]]) -> TrackSection | None:
@@ -102,7 +106,7 @@ def track_section(solution: SolutionReply, track: Fit, figures: list[tuple[str, 
     foot = footpoint_words(beside.get("footpoint", {}))
     methods, remarks = [METHODS[name] for name in fits], remarks_of(fits, track)
     wind, scattered = track_wind_words(track), scattering_table(beside)
-    more = crossing_words(beside), fused_words(beside)
+    more = crossing_words(beside), fused_words(beside), model_words(beside)
     return TrackSection(solution, methods, rows, remarks, foot, wind, figures, scattered, *more)
 
 

@@ -13,8 +13,9 @@ from bella.exceptions import GeometryError, InputError, NoDataError
 from bella.flags import APPARENT_SOURCE, NOT_COMPUTED
 from bella.multilateration.priors import apply_sigma_rule, find_preset
 from bella.settings import Settings
-from bella.tracks import DirectionTerms, JointFit, JointOptions, piecewise_fit, track_fit
+from bella.tracks import DirectionTerms, Ingredients, JointFit, JointOptions, piecewise_fit, track_fit
 from bella.tracks.companions import density_companion, semp_companion
+from bella.tracks.model_companion import model_companion
 from bella.tracks.published import (
     FEWEST_DRAWS,
     MOST_FREQUENCIES,
@@ -30,7 +31,17 @@ from flows.solar_wind import Surroundings, footpoint_of, wind_of
 TRACK_RECIPE = {
     "most_frequencies": MOST_FREQUENCIES,
     "found_bursts": "channel edges",
-    "companions": ["semp", "piecewise", "density_excess", "scattering", "footpoint", "wind", "triangulation", "fused"],
+    "companions": [
+        "semp",
+        "piecewise",
+        "density_excess",
+        "scattering",
+        "footpoint",
+        "wind",
+        "triangulation",
+        "fused",
+        "models",
+    ],
 }
 """Choices that decide the track of a solution; another one makes a new version."""
 
@@ -87,8 +98,9 @@ def fitted_track(
     joint, fit = joint_track(timed, period_d, settings.draws, settings.seed, from_curve=is_curve)
     beside = companions(posterior, grid, fit, around)
     beside["wind"] = attempted(lambda: wind_of(posterior, joint, around))
-    options = JointOptions(max(settings.draws, FEWEST_DRAWS), settings.seed)
-    beside |= more_than_times(timing, as_fitted(timed, joint), beside["wind"], period_d, options)
+    options, used = JointOptions(max(settings.draws, FEWEST_DRAWS), settings.seed), as_fitted(timed, joint)
+    beside["models"] = attempted(lambda: model_companion(Ingredients(used), fit, settings.seed))
+    beside |= more_than_times(timing, used, beside["wind"], period_d, options)
     track = two_step | {"remark": APPARENT_SOURCE, "joint": joint, "companions": beside}
     return track, with_joint_draws(posterior, fit)
 

@@ -1,4 +1,4 @@
-"""Wave directions and the fused fit in words, on the page where there are any."""
+"""Wave directions, the fused fit and other models in words, on the page where there are any."""
 
 from collections.abc import Callable
 from typing import Any
@@ -6,6 +6,7 @@ from typing import Any
 import pytest
 
 from api.direction_section import crossing_words, fused_words
+from api.model_section import model_words
 from api.track_section import fits_of
 
 ROW = {
@@ -28,10 +29,10 @@ def test_sources_are_read_as_distance_and_longitude() -> None:
     assert "(behind a spacecraft)" in words
 
 
-@pytest.mark.parametrize("words", [crossing_words, fused_words])
+@pytest.mark.parametrize("words", [crossing_words, fused_words, model_words])
 def test_nothing_is_said_where_nothing_is_known(words: Callable[[dict[str, Any]], str]) -> None:
     reason = {"flags": ["not_computed"], "reason": "no directions"}
-    assert words({}) == words({"triangulation": reason, "fused": reason}) == ""
+    assert words({}) == words({"triangulation": reason, "fused": reason, "models": reason}) == ""
 
 
 def test_each_ingredient_says_what_it_adds_and_whether_it_contradicts() -> None:
@@ -47,3 +48,16 @@ def test_the_column_of_the_fused_fit_is_there_where_there_is_one() -> None:
     assert list(fits_of(track)) == ["joint", "semp"]
     track["companions"]["fused"] = {"phi0_deg": {"mean": 1.0}}
     assert list(fits_of(track)) == ["joint", "fused", "semp"]
+
+
+def test_models_that_the_times_ask_for_are_named_and_averaged() -> None:
+    numbers = {"phi0_deg": {"mean": 30.0, "sd": 5.0}, "v_sw_km_s": {"mean": 410.0, "sd": 80.0}}
+    rows = [
+        {"name": "joint spiral, slowing beam", "probability": 0.7} | numbers,
+        {"name": "joint spiral", "probability": 0.25} | numbers,
+        {"name": "joint spiral, two slopes", "probability": 0.05} | numbers,
+    ]
+    words = model_words({"models": {"rows": rows, "phi0_deg": {"mean": 29.0, "sd": 6.0}}})
+    assert "slowing beam 70%, 30.0 ± 5.0°, 410 ± 80 km/s; as the joint fit has it 25%" in words
+    assert "two slopes" not in words
+    assert words.endswith("the longitude is 29.0 ± 6.0°.")

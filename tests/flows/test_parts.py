@@ -91,7 +91,7 @@ def test_track_of_a_solution_holds_every_method_and_its_draws_reach_the_store(tm
     track, posterior = fitted_track(localise(arrivals, draws=200), Timing(arrivals), SERIES, settings, UNKNOWN)
     assert track["joint"]["frequencies"] == 40
     assert track["joint"]["rotation_period_d"] == track["rotation_period_d"] == 24.47
-    computed = {"semp", "weighted", "piecewise", "density_excess", "scattering", "footpoint"}
+    computed = {"semp", "weighted", "piecewise", "density_excess", "scattering", "footpoint", "models"}
     missing = {"wind", "triangulation", "fused"}
     assert set(track["companions"]) == computed | missing
     assert track["remark"] == track["companions"]["scattering"]["apparent"] == APPARENT_SOURCE

@@ -79,7 +79,11 @@ def test_joint_fit_agrees_with_the_paper_and_has_honest_errors(first_run: FirstR
     assert "not_a_spiral" in flags["half_maximum"]
     assert "not_a_spiral" not in flags["gauss_hermite"]
     for track in tracks.values():
-        assert {name for name, one in track["companions"].items() if "not_computed" in one["flags"]} == {"wind"}
+        assert {name for name, one in track["companions"].items() if "not_computed" in one["flags"]} == {
+            "wind",
+            "triangulation",
+            "fused",
+        }
 
 
 def test_edge_definition_changes_the_track(first_run: FirstRun) -> None:

@@ -1,0 +1,55 @@
+"""Models beside the joint one: those that the times ask for, and a longitude that stands for all of them."""
+
+import numpy as np
+import pytest
+
+from bella.exceptions import NoDataError
+from bella.tracks import Ingredients, JointModel, fit_joint
+from bella.tracks.model_companion import model_companion, variants
+from tests.tracks.bursts import simulated, standard
+
+MODEL = JointModel()
+
+
+def companion(deceleration: float, seed: int) -> dict[str, object]:
+    slowing = JointModel(deceleration=True)
+    z = standard(slowing, 30.0, 400.0)
+    z[slowing.parameters.index("deceleration")] = slowing.standard("deceleration", np.array(deceleration))
+    known = Ingredients(simulated(z, slowing, np.random.default_rng(seed)), 0.0)
+    return model_companion(known, fit_joint(known.arrivals, MODEL, common_sd_s=0.0), 1)
+
+
+def test_a_steady_beam_does_not_ask_for_more() -> None:
+    said = companion(0.0, 3)
+    rows = said["rows"]
+    assert len(rows) == len({row["name"] for row in rows}) == 6
+    assert sum(row["probability"] for row in rows) == pytest.approx(1.0)
+    assert [row["log_bayes_factor"] for row in rows] == sorted((row["log_bayes_factor"] for row in rows), reverse=True)
+    plain = next(row for row in rows if row["name"] == MODEL.name)
+    assert plain["log_bayes_factor"] > -3
+    assert said["phi0_deg"]["q2_5"] < 30.0 < said["phi0_deg"]["q97_5"]
+
+
+def test_the_average_is_that_of_the_mixture() -> None:
+    said = companion(0.0, 4)
+    share = np.array([row["probability"] for row in said["rows"]])
+    mean, sd = (np.array([row["phi0_deg"][name] for row in said["rows"]]) for name in ("mean", "sd"))
+    assert said["phi0_deg"]["mean"] == pytest.approx(share @ mean, abs=0.05 * sd.mean())
+    expected = np.sqrt(share @ (sd**2 + mean**2) - (share @ mean) ** 2)
+    assert said["phi0_deg"]["sd"] == pytest.approx(expected, rel=0.02)
+
+
+def test_knots_divide_the_track() -> None:
+    grid = simulated(standard(MODEL, 30.0, 400.0), MODEL, np.random.default_rng(5))
+    known = Ingredients(grid, 0.0)
+    found = variants(fit_joint(grid, MODEL, common_sd_s=0.0), known)
+    knots = [model.knots_rsun for model in found if model.knots_rsun]
+    assert [len(places) for places in knots] == [1, 2]
+    assert knots[1][0] < knots[0][0] < knots[1][1]
+
+
+def test_without_a_joint_fit_there_is_nothing_to_compare() -> None:
+    grid = simulated(standard(MODEL, 30.0, 400.0), MODEL, np.random.default_rng(5))
+    few = grid.take(np.array([0, 20]))
+    with pytest.raises(NoDataError, match="too_few_frequencies"):
+        model_companion(Ingredients(few), fit_joint(few, MODEL), 1)
