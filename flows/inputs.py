@@ -19,6 +19,7 @@ from bella.bursts.event import (
     half_maximum_arrivals,
     half_maximum_edges,
     half_rise_arrivals,
+    half_rise_channels,
     half_rise_edges,
     published_arrivals,
 )
@@ -125,7 +126,8 @@ def _built_in_event() -> BurstInput:
         "half_maximum": half_maximum_edges(),
         "half_rise": half_rise_edges(),
     }
-    return BurstInput(burst, arrivals, edges, event_spectra(), _event_sources(), PUBLISHED_TRACK)
+    channels = {"half_rise": half_rise_channels()}
+    return BurstInput(burst, arrivals, edges, event_spectra(), _event_sources(), PUBLISHED_TRACK, channels)
 
 
 def _event_sources() -> tuple[SourceFile, ...]:

@@ -16,6 +16,7 @@ import numpy as np
 import pandas as pd
 
 from bella.arrivals import check_arrivals
+from bella.bursts.channel_arrivals import channel_arrivals
 from bella.bursts.detection import search
 from bella.bursts.edges import spectrum_edges
 from bella.bursts.time_evolution import TimeEvolution, fit_time_evolution
@@ -274,3 +275,14 @@ def half_rise_arrivals() -> pd.DataFrame:
     """
     timed = _half_rise()
     return arrival_table(timed, shared_frequencies_mhz(timed))
+
+
+def half_rise_channels() -> pd.DataFrame:
+    """Arrival table of the half-rise edges of the channels themselves, for one fit to all of them.
+
+    Returns
+    -------
+    pandas.DataFrame
+        As :func:`bella.bursts.channel_arrivals.channel_arrivals` returns it.
+    """
+    return channel_arrivals(_half_rise())
