@@ -16,14 +16,7 @@ from bella.settings import Settings
 from bella.tracks import DirectionTerms, Ingredients, JointFit, JointOptions, piecewise_fit, track_fit
 from bella.tracks.companions import density_companion, semp_companion
 from bella.tracks.model_companion import model_companion
-from bella.tracks.published import (
-    FEWEST_DRAWS,
-    MOST_FREQUENCIES,
-    as_fitted,
-    joint_track,
-    thinned,
-    with_joint_draws,
-)
+from bella.tracks.published import FEWEST_DRAWS, MOST_FREQUENCIES, as_fitted, joint_track, with_joint_draws
 from bella.tracks.scattering_companion import scattering_companion
 from flows.directions import crossing, directed, fused
 from flows.solar_wind import Surroundings, footpoint_of, wind_of
@@ -88,17 +81,15 @@ def fitted_track(
     posterior : xarray.Dataset
         With the draws of the joint fit.
     """
-    preset = find_preset(series.preset)
-    grid, timed = (
-        apply_sigma_rule(arrival_grid(table, heard_by=1), preset)
-        for table in (timing.arrivals, timing.arrivals if timing.channels is None else timing.channels)
-    )
+    is_curve = timing.channels is None
+    table = timing.arrivals if timing.channels is None else timing.channels
+    timed = apply_sigma_rule(arrival_grid(table, heard_by=1), find_preset(series.preset))
     two_step = track_fit(posterior)
-    period_d, is_curve = two_step["rotation_period_d"], timing.channels is None
+    period_d = two_step["rotation_period_d"]
     joint, fit = joint_track(timed, period_d, settings.draws, settings.seed, from_curve=is_curve)
-    beside = companions(posterior, grid, fit, around)
-    beside["wind"] = attempted(lambda: wind_of(posterior, joint, around))
     options, used = JointOptions(max(settings.draws, FEWEST_DRAWS), settings.seed), as_fitted(timed, joint)
+    beside = companions(posterior, used, fit, around)
+    beside["wind"] = attempted(lambda: wind_of(posterior, joint, around))
     beside["models"] = attempted(lambda: model_companion(Ingredients(used), fit, settings.seed))
     beside |= more_than_times(timing, used, beside["wind"], period_d, options)
     track = two_step | {"remark": APPARENT_SOURCE, "joint": joint, "companions": beside}
@@ -143,7 +134,7 @@ def companions(posterior: xr.Dataset, grid: ArrivalGrid, fit: JointFit, around: 
     ----------
     posterior : xarray.Dataset
     grid : ArrivalGrid
-        Arrival times with the timing errors of the solution.
+        Arrival times as the joint fit took them.
     fit : JointFit
     around : Surroundings
 
@@ -155,7 +146,7 @@ def companions(posterior: xr.Dataset, grid: ArrivalGrid, fit: JointFit, around: 
     spirals = attempted(lambda: piecewise_fit(posterior))
     density = attempted(lambda: density_companion(posterior))
     return {
-        "semp": attempted(lambda: semp_companion(thinned(grid))),
+        "semp": attempted(lambda: semp_companion(grid)),
         "weighted": spirals.get("weighted", spirals),
         "piecewise": spirals.get("piecewise", spirals),
         "density_excess": density,
