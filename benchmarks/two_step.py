@@ -39,6 +39,10 @@ LONGEST_S = 5 * 3600.0
 """Bursts of the prior that last longer are left out: an arrival table would not take them."""
 
 
+NOTHING = dict.fromkeys(("mean", "sd", "q2_5", "q16", "q50", "q84", "q97_5"))
+"""Of a burst that a method gives no spiral for; its interval holds nothing."""
+
+
 def placeable(rng: np.random.Generator) -> Truth:
     """A burst of the prior, of those that an arrival table takes."""
     while True:
@@ -115,7 +119,7 @@ def rows(draw: Callable[[np.random.Generator], Truth], label: str, stretch: floa
             truth = draw(rng)
             said = fit(heard(truth, gaussian(rng), stretch))
             for parameter in CHECKED:
-                found[parameter].append(_fitted(parameter, truth, said[parameter]))
+                found[parameter].append(_fitted(parameter, truth, said.get(parameter, NOTHING)))
         for parameter, fits in found.items():
             yield (label if parameter == CHECKED[0] else "", name, parameter, *_columns(fits))
 
