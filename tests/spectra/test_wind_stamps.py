@@ -1,4 +1,4 @@
-"""Whether the minutes of Wind are where their stamps say: light curves against STEREO-A and PSP, and RAD1 against RAD2."""
+"""Whether the minutes of Wind are where their stamps say: its light curves against those of STEREO-A and PSP."""
 
 from pathlib import Path
 from typing import NamedTuple
@@ -13,8 +13,11 @@ from tests.spectra import real_day_2020
 
 RAD1_MHZ, RAD2_MHZ, NEAR_THE_SUN_MHZ = (0.66, 1.06), (1.06, 2.1), (3.0, 9.0)
 RANGE_RSUN_MHZ = 30.0
-"""Distance of a source times its frequency, as in the event of 2012-06-07. Half or one and a half times as much changes the
-light's way at 1 to 2 MHz by 4 s between Wind and PSP, and by 6 s between Wind and STEREO-A."""
+"""Distance of a source times its frequency, as in the event of 2012-06-07.
+
+Half or one and a half times as much changes the light's way at 1 to 2 MHz by 4 s between Wind and PSP, and by 5 s
+between Wind and STEREO-A.
+"""
 
 FASTEST_S = 140.0
 LEAST_COHERENCE = 0.85
@@ -73,7 +76,7 @@ def light_curve(spectrum: xr.Dataset, channel: int, window: Window) -> LightCurv
 
 
 def later_s(one: LightCurve, other: LightCurve, length_s: float) -> float:
-    """How much later one light curve is than the other, by slow Fourier components only; NaN where they are not alike."""
+    """How much later one light curve is than the other, by slow Fourier components; NaN where they are not alike."""
     if min(one.second.size, other.second.size) < FEWEST:
         return np.nan
     angular = 2.0 * np.pi * np.arange(1, int(length_s / FASTEST_S) + 1) / length_s
