@@ -63,7 +63,7 @@ class LightCurve(NamedTuple):
         """Fourier components, every sample weighted with the time it stands for."""
         weight = np.gradient(self.second) * np.sqrt(np.sin(np.pi * np.clip(self.second / length_s, 0.0, 1.0)))
         over = np.log1p(np.maximum(self.power - np.percentile(self.power, 10), -0.5))
-        return (over * weight) @ np.exp(-1j * np.outer(self.second, angular))
+        return np.asarray((over * weight) @ np.exp(-1j * np.outer(self.second, angular)))
 
 
 def light_curve(spectrum: xr.Dataset, channel: int, window: Window) -> LightCurve:
@@ -94,7 +94,7 @@ def unexplained_s(wind: xr.Dataset, other: xr.Dataset, burst: Heard, band_mhz: t
     found = []
     for channel in np.flatnonzero((mhz > band_mhz[0]) & (mhz < band_mhz[1]) & ~wind["interpolated"].to_numpy()):
         there = int(np.abs(there_mhz - mhz[channel]).argmin())
-        curves = (light_curve(wind, channel, burst.window), light_curve(other, there, burst.window))
+        curves = (light_curve(wind, int(channel), burst.window), light_curve(other, there, burst.window))
         way_s = [burst.light_s(str(one.attrs["observatory"]), mhz[channel]) for one in (wind, other)]
         found.append(later_s(*curves, length_s) - (way_s[0] - way_s[1]))
     return float(np.nanmedian(found))
