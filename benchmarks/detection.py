@@ -18,14 +18,17 @@ from bella.bursts.search_grid import FREQUENCY_MHZ
 from bella.simulation.archive_days import sky_of
 from bella.simulation.burst import SimulatedBurst, arrival_s, contrast_at
 from bella.simulation.day import observe_day
-from bella.simulation.instruments import instruments
+from bella.simulation.instruments import Instrument, instruments
+from bella.simulation.minutes import filled_in_frequency
 from bella.simulation.sky import Sky
 from bella.spectra import combine_receivers, over_background
+from bella.spectra.list_mode import with_visits
+from bella.spectra.stereo import by_minute
 from benchmarks.localisation import Row, seconds
 
 FIRST_DAY = date(2021, 2, 1)
 FLEET = {
-    "WIND": ("WI_L2_WAV_RAD1", "WI_L2_WAV_RAD2"),
+    "WIND": ("WI_H1_WAV",),
     "STEREO-A": ("STEREO_LEVEL2_SWAVES",),
     "PSP": ("PSP_FLD_L2_RFS_LFR", "PSP_FLD_L2_RFS_HFR"),
     "SOLO": ("SOLO_L3_RPW-TNR-SURV-FLUX", "SOLO_L3_RPW-HFR-SURV-FLUX"),
@@ -78,13 +81,26 @@ HEADER = "           days bursts recall isolated+broad  precis    F1   FA/day mi
 
 
 def spectrum_of(observatory: str, day: date, skies: list[Sky], seed: int) -> xr.Dataset:
-    """Spectrum of a spacecraft-day, all receivers together."""
+    """Spectrum of a spacecraft-day, all receivers together, as it is read from the files."""
     parts = []
     for number, dataset in enumerate(FLEET[observatory]):
-        (instrument,) = [one for one in instruments(dataset, day) if one.receiver.observatory == observatory]
         rng = np.random.default_rng([seed, day.toordinal(), number, sorted(FLEET).index(observatory)])
-        parts.append(observe_day(instrument, skies, day, rng))
+        for instrument in instruments(dataset, day):
+            if instrument.receiver.observatory == observatory:
+                parts.append(as_read(instrument, observe_day(instrument, skies, day, rng)))
     return parts[0] if len(parts) == 1 else combine_receivers(*parts)
+
+
+def as_read(instrument: Instrument, spectrum: xr.Dataset) -> xr.Dataset:
+    """Without what the files do not say, when the samples of a minute were taken, and with what readers make of that."""
+    if not instrument.averaged:
+        return spectrum
+    return with_visits(filled_in_frequency(spectrum)) if "interpolated" in spectrum else by_minute(without(spectrum))
+
+
+def without(spectrum: xr.Dataset) -> xr.Dataset:
+    """Without times of samples."""
+    return spectrum.drop_vars(["sample_time", "sample_offset_s"], errors="ignore")
 
 
 def heard(burst: SimulatedBurst, observatory: str, midnight: np.datetime64) -> Heard:
@@ -146,9 +162,10 @@ def mirrored(spectrum: xr.Dataset) -> xr.Dataset:
     """The day backwards: what drifts upwards is no burst."""
     backwards = spectrum.isel(time=slice(None, None, -1))
     time = spectrum["time"].to_numpy()
-    return backwards.assign_coords(time=time[0] + (time[-1] - time)[::-1]).drop_vars(
-        ["sample_time", "sample_offset_s"], errors="ignore"
-    )
+    moments = {"time": time} | ({"sample_time": spectrum["sample_time"].to_numpy()} if "sample_time" in spectrum else {})
+    turned = {name: time[0] + (time[-1] - moment)[::-1] for name, moment in moments.items()}
+    placed = without(backwards).assign_coords(time=turned["time"])
+    return placed.assign({name: (("time", "frequency"), turned[name]) for name in turned if name != "time"})
 
 
 def score_days(days: int, seed: int, first: date = FIRST_DAY, *, with_mirror: bool = True) -> dict[str, Score]:

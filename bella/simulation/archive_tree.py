@@ -22,6 +22,7 @@ from bella.simulation.archive_files import (
     write_wind_h1,
     write_wind_l2,
 )
+from bella.simulation.minutes import filled_in_frequency
 from bella.spacecraft import position
 from bella.spectra.archive_datasets import find_datasets
 from bella.spectra.dynamic_spectrum import sample_times
@@ -88,9 +89,10 @@ def _wind_h1(path: Path, spectra: Sequence[xr.Dataset]) -> Path:
     measured: dict[str, npt.NDArray[np.bool_]] = {name: np.ones(khz.size, np.bool_) for name, khz in H1_KHZ.items()}
     for spectrum in spectra:
         receiver = str(spectrum.attrs["receiver"])
-        utc, ratio[receiver] = _minutes(spectrum)
         if "interpolated" in spectrum:
             measured[receiver] = ~spectrum["interpolated"].to_numpy().astype(bool)
+            spectrum = filled_in_frequency(spectrum)
+        utc, ratio[receiver] = _minutes(spectrum)
     return write_wind_h1(path, utc, ratio, measured)
 
 

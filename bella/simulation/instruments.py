@@ -8,51 +8,20 @@ import numpy.typing as npt
 
 from bella.exceptions import InputError
 from bella.simulation.archive_files import H1_KHZ, LEVEL2_KHZ
-from bella.simulation.receiver import Receiver
+from bella.simulation.receiver import NOISE, Receiver
 from bella.spacecraft import position_hee
+from bella.spectra.list_mode import DWELL_S, LIST_KHZ, LIST_S
+from bella.spectra.stereo import SWEEP_S
 from bella.units import AU_RSUN, FloatArray
 
 ENCOUNTER_RSUN = 0.25 * AU_RSUN
 """Nearer to the Sun than this PSP samples fast."""
 
-LIST_MODE_KHZ = np.array(
-    [
-        20,
-        24,
-        28,
-        32,
-        36,
-        40,
-        44,
-        48,
-        52,
-        60,
-        72,
-        80,
-        92,
-        104,
-        116,
-        136,
-        152,
-        176,
-        196,
-        224,
-        256,
-        292,
-        332,
-        376,
-        428,
-        484,
-        548,
-        624,
-        708,
-        804,
-        916,
-        1040,
-    ],
-    dtype=np.float64,
-)
-"""Channels that Wind RAD1 measured on 2010-01-17, in its list mode; the others are interpolated between them."""
+LIST_MODE_KHZ: FloatArray = np.unique(LIST_KHZ).astype(np.float64)
+"""Channels that Wind RAD1 measures in its list mode; the others are interpolated between them."""
+
+TICKS = 4
+"""Parts of a visit of RAD1's list, so that a minute may begin in one."""
 
 L2_LEAD_S = 71.0
 """How long before midnight a Wind level-2 file begins, as that of 2020-07-12 does."""
@@ -77,6 +46,8 @@ class Instrument:
         How long before midnight its first record begins, s.
     finds_directions : bool
         The data set tells where the waves came from.
+    averaged : tuple of Receiver
+        Receivers whose samples a record is the mean of; none where it is a sample itself.
     """
 
     dataset: str
@@ -86,6 +57,7 @@ class Instrument:
     measured: npt.NDArray[np.bool_]
     lead_s: float = 0.0
     finds_directions: bool = False
+    averaged: tuple[Receiver, ...] = ()
 
 
 def instruments(dataset: str, day: date) -> tuple[Instrument, ...]:
@@ -145,13 +117,33 @@ def _whole(dataset: str, receiver: Receiver, quantity: str, background: FloatArr
 
 
 def _h1() -> tuple[Instrument, ...]:
-    found: list[Instrument] = []
-    for name in ("RAD1", "RAD2"):
-        channels = H1_KHZ[name].astype(np.float64)
-        receiver = _at_once("WIND", name, channels * 1e-3, 60.0, 60.0)
-        measured = np.isin(channels, LIST_MODE_KHZ) if name == "RAD1" else np.ones(channels.size, dtype=bool)
-        found.append(Instrument("WI_H1_WAV", receiver, "voltage_ratio", np.ones(channels.size), measured))
-    return tuple(found)
+    rad1, rad2 = (
+        _at_once("WIND", name, H1_KHZ[name].astype(np.float64) * 1e-3, 60.0, 60.0) for name in ("RAD1", "RAD2")
+    )
+    ones = np.ones(rad1.frequency_mhz.size)
+    listed = np.isin(H1_KHZ["RAD1"], LIST_KHZ)
+    hopping = Instrument("WI_H1_WAV", rad1, "voltage_ratio", ones, listed, averaged=_list_mode())
+    return hopping, _whole("WI_H1_WAV", rad2, "voltage_ratio", np.ones(rad2.frequency_mhz.size))
+
+
+def _list_mode() -> tuple[Receiver, ...]:
+    """RAD1 as receivers with as many visits to each of their channels in a list, one for each part of a visit."""
+    visits = np.array([np.count_nonzero(khz == LIST_KHZ) for khz in LIST_MODE_KHZ])
+    first_s = np.array([np.argmax(khz == LIST_KHZ) for khz in LIST_MODE_KHZ]) * DWELL_S
+    part_s = DWELL_S / TICKS
+    return tuple(
+        Receiver(
+            "WIND",
+            "RAD1",
+            LIST_MODE_KHZ[visits == number] * 1e-3,
+            LIST_S / number,
+            part_s,
+            first_s[visits == number] + (part + 0.5) * part_s,
+            NOISE * np.sqrt(TICKS),
+        )
+        for number in np.unique(visits)
+        for part in range(TICKS)
+    )
 
 
 def _wind_l2(dataset: str) -> Instrument:
@@ -163,8 +155,9 @@ def _wind_l2(dataset: str) -> Instrument:
 
 def _level2(observatory: str) -> Instrument:
     channels = level2_channels_khz()
-    receiver = _at_once(observatory, "LFR+HFR", channels * 1e-3, 60.0, 60.0)
-    return _whole("STEREO_LEVEL2_SWAVES", receiver, "db_over_background", np.ones(channels.size))
+    minutes = _at_once(observatory, "LFR+HFR", channels * 1e-3, 60.0, 60.0)
+    whole = _whole("STEREO_LEVEL2_SWAVES", minutes, "db_over_background", np.ones(channels.size))
+    return replace(whole, averaged=(replace(minutes, cadence_s=SWEEP_S, integration_s=1.0),))
 
 
 def level2_channels_khz() -> FloatArray:
@@ -183,7 +176,7 @@ def _stereo_l3(dataset: str) -> Instrument:
     observatory = {"A": "STEREO-A", "B": "STEREO-B"}[dataset[2]]
     name = dataset[-3:]
     channels = np.geomspace(2.61e-3, 153.4e-3, 48) if name == "LFR" else np.arange(0.125, 16.0251, 0.05)
-    receiver = _at_once(observatory, name, channels, 38.05, 1.0)
+    receiver = _at_once(observatory, name, channels, SWEEP_S, 1.0)
     whole = _whole(dataset, receiver, "flux_w_m2_hz", _quiet_w_m2_hz(channels))
     return replace(whole, finds_directions=name == "HFR")  # the LFR does so from December 2012 on only
 

@@ -35,7 +35,7 @@ class Nuisance(Protocol):
         """Lowest and highest frequency, MHz."""
 
     def excess(self, time_s: FloatArray, frequency_mhz: FloatArray) -> FloatArray:
-        """Power in units of the background, shape (N, C), at times (N, 1) and frequencies (C,)."""
+        """Power in units of the background, shape (N, C), at times (N, 1) or (N, C) and frequencies (C,)."""
 
 
 def add_nuisance(power: FloatArray, nuisance: Nuisance, time_s: FloatArray, frequency_mhz: FloatArray) -> None:
@@ -46,16 +46,20 @@ def add_nuisance(power: FloatArray, nuisance: Nuisance, time_s: FloatArray, freq
     power : numpy.ndarray, shape (N, C)
         In units of the background.
     nuisance : Nuisance
-    time_s : numpy.ndarray, shape (N,)
-        Ascending, seconds after midnight.
+    time_s : numpy.ndarray, shape (N, C)
+        Of every sample, ascending in every channel, seconds after midnight.
     frequency_mhz : numpy.ndarray, shape (C,)
         Ascending.
     """
     low, high = nuisance.band_mhz
-    rows = slice(*np.searchsorted(time_s, [nuisance.start_s, nuisance.stop_s]))
+    rows = slice(
+        np.searchsorted(time_s.max(axis=1), nuisance.start_s), np.searchsorted(time_s.min(axis=1), nuisance.stop_s)
+    )
     columns = slice(np.searchsorted(frequency_mhz, low), np.searchsorted(frequency_mhz, high, side="right"))
     if rows.stop > rows.start and columns.stop > columns.start:
-        power[rows, columns] += nuisance.excess(time_s[rows, None], frequency_mhz[columns])
+        when_s = time_s[rows, columns]
+        is_on = (when_s >= nuisance.start_s) & (when_s < nuisance.stop_s)
+        power[rows, columns] += is_on * nuisance.excess(when_s, frequency_mhz[columns])
 
 
 @dataclass(frozen=True)
@@ -128,7 +132,7 @@ class Patches:
         """Power in units of the background, shape (N, C)."""
         random = np.random.default_rng(self.seed)
         low, high = np.log(self.band_mhz)
-        total = np.zeros((time_s.size, frequency_mhz.size))
+        total = np.zeros((len(time_s), frequency_mhz.size))
         for _ in range(self.patches):
             middle_s, length_s = random.uniform(self.start_s, self.stop_s), random.uniform(60, 500)
             place, width = random.uniform(low, high), random.uniform(0.05, 0.3)
@@ -215,7 +219,7 @@ class CalibrationColumn:
 
     def excess(self, time_s: FloatArray, frequency_mhz: FloatArray) -> FloatArray:
         """Power in units of the background, shape (N, C)."""
-        return np.full((time_s.size, frequency_mhz.size), self.height)
+        return np.full((len(time_s), frequency_mhz.size), self.height)
 
 
 @dataclass(frozen=True)
@@ -243,5 +247,5 @@ class ParticleHits:
     def excess(self, time_s: FloatArray, frequency_mhz: FloatArray) -> FloatArray:
         """Power in units of the background, shape (N, C)."""
         random = np.random.default_rng(self.seed)
-        shape = (time_s.size, frequency_mhz.size)
+        shape = (len(time_s), frequency_mhz.size)
         return np.asarray((random.random(shape) < self.share) * random.exponential(self.height, shape))

@@ -16,6 +16,8 @@ MAX_RECORDS = 200_000
 LIGHT_CURVE_DIGITS = 3
 """Channels whose frequencies agree to this many digits share a light curve."""
 
+NOISE = 0.05
+
 
 @dataclass(frozen=True)
 class Receiver:
@@ -42,7 +44,7 @@ class Receiver:
     cadence_s: float
     integration_s: float
     sample_offset_s: FloatArray
-    noise: float = 0.05
+    noise: float = NOISE
 
 
 def observe(

@@ -1,0 +1,84 @@
+"""One-minute averages as archives hold them: means of what falls into a minute, whenever in it that was."""
+
+from collections.abc import Callable
+from typing import NamedTuple
+
+import numpy as np
+import xarray as xr
+from scipy.interpolate import interp1d
+
+from bella.simulation.instruments import Instrument
+from bella.simulation.receiver import Receiver
+from bella.units import DAY_S, FloatArray
+
+MINUTE_S = 60.0
+MINUTES = int(DAY_S // MINUTE_S)
+
+
+class Samples(NamedTuple):
+    """What a receiver took, shape (N, C) each."""
+
+    time_s: FloatArray
+    """Seconds after midnight."""
+    power: FloatArray
+    """In units of the background; NaN in gaps."""
+
+
+Take = Callable[[Receiver, FloatArray], Samples]
+"""Takes samples of a receiver whose records have their middles at so many seconds after midnight, shape (N,)."""
+
+
+def minute_means(instrument: Instrument, take: Take, phase_s: float) -> Samples:
+    """Mean of the samples of every minute of a day.
+
+    Parameters
+    ----------
+    instrument : Instrument
+        Whose records are averages.
+    take : callable
+    phase_s : float
+        When a record of its receivers begins, seconds after midnight.
+
+    Returns
+    -------
+    Samples
+        Shape (1440, C); times are the mean times of the samples, NaN like the power where there is none.
+    """
+    channels = instrument.receiver.frequency_mhz
+    size = MINUTES * channels.size
+    longest_s = max(one.cadence_s for one in instrument.averaged)
+    count, total, moment = np.zeros((3, size))
+    for receiver in instrument.averaged:
+        records = np.arange(-2 * longest_s // receiver.cadence_s, (DAY_S + longest_s) // receiver.cadence_s)
+        time_s, power = take(receiver, phase_s + records * receiver.cadence_s)
+        minute = np.floor(time_s / MINUTE_S).astype(np.intp)
+        used = (minute >= 0) & (minute < MINUTES) & np.isfinite(power)
+        cell = (minute * channels.size + np.searchsorted(channels, receiver.frequency_mhz))[used]
+        count += np.bincount(cell, minlength=size)
+        total += np.bincount(cell, power[used], size)
+        moment += np.bincount(cell, time_s[used], size)
+    number = np.where(count > 0, count, np.nan)
+    return Samples(*(np.reshape(one / number, (MINUTES, channels.size)) for one in (moment, total)))
+
+
+def filled_in_frequency(spectrum: xr.Dataset) -> xr.Dataset:
+    """One-minute averages of Wind RAD1 as the archive stores them.
+
+    Parameters
+    ----------
+    spectrum : xarray.Dataset
+        NaN where the receiver was not in a minute.
+
+    Returns
+    -------
+    xarray.Dataset
+        Straight lines in frequency between what was measured in a minute, and beyond it at the ends, in the unit of
+        the spectrum; without times of samples, which the archive does not have.
+    """
+    channels, values = spectrum["frequency"].to_numpy(), spectrum["intensity"].to_numpy().astype(np.float64)
+    for row in values:
+        known = np.isfinite(row)
+        if known.sum() > 1:
+            row[~known] = interp1d(channels[known], row[known], fill_value="extrapolate")(channels[~known])
+    stored = spectrum["intensity"].copy(data=values.astype(np.float32))
+    return spectrum.assign(intensity=stored).drop_vars("sample_time", errors="ignore")
