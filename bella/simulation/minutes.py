@@ -72,13 +72,15 @@ def filled_in_frequency(spectrum: xr.Dataset) -> xr.Dataset:
     Returns
     -------
     xarray.Dataset
-        Straight lines in frequency between what was measured in a minute, and beyond it at the ends, in the unit of
-        the spectrum; without times of samples, which the archive does not have.
+        All minutes of the day: straight lines in frequency between what was measured in one, and beyond it at the ends,
+        in the unit of the spectrum; without times of samples, which the archive does not have.
     """
-    channels, values = spectrum["frequency"].to_numpy(), spectrum["intensity"].to_numpy().astype(np.float64)
+    midnight = spectrum["time"].to_numpy()[0].astype("datetime64[D]").astype("datetime64[ns]")
+    stamp = midnight + np.rint((np.arange(MINUTES) + 0.5) * MINUTE_S * 1e9).astype("timedelta64[ns]")
+    stored = spectrum.drop_vars("sample_time", errors="ignore").reindex(time=stamp)
+    channels, values = stored["frequency"].to_numpy(), stored["intensity"].to_numpy().astype(np.float64)
     for row in values:
         known = np.isfinite(row)
         if known.sum() > 1:
             row[~known] = interp1d(channels[known], row[known], fill_value="extrapolate")(channels[~known])
-    stored = spectrum["intensity"].copy(data=values.astype(np.float32))
-    return spectrum.assign(intensity=stored).drop_vars("sample_time", errors="ignore")
+    return stored.assign(intensity=stored["intensity"].copy(data=values.astype(np.float32)))
