@@ -153,8 +153,10 @@ def test_quantity_does_not_matter(wind: xr.Dataset) -> None:
     found, expected = detect_bursts(over_background(wind)), detect_bursts(wind)
 
     # the background of what is over background already is nearly, not quite, zero
-    kept = ["observatory", "start_utc", "peak_utc", "tier", "reason"]
+    kept = ["observatory", "start_utc", "tier", "reason"]
     pd.testing.assert_frame_equal(found[kept], expected[kept])
+    # peaks of channels differ by 0.03 dB, and which is the highest is chance
+    np.testing.assert_allclose(found["peak_db"], expected["peak_db"], atol=0.1)
     np.testing.assert_allclose(found["score"], expected["score"], rtol=0.05)
 
 
