@@ -36,6 +36,7 @@ FLEET = {
 LEAST_CHANNELS, BROAD_CHANNELS = 12, 25
 LEAST_CONTRAST = 1.0  # 3 dB over background
 NEAR_S = 240.0
+MOMENTS = ("time", "sample_time")
 ALONE_S = (20 * 60.0, 30 * 60.0)
 
 
@@ -85,14 +86,13 @@ def spectrum_of(observatory: str, day: date, skies: list[Sky], seed: int) -> xr.
     parts = []
     for number, dataset in enumerate(FLEET[observatory]):
         rng = np.random.default_rng([seed, day.toordinal(), number, sorted(FLEET).index(observatory)])
-        for instrument in instruments(dataset, day):
-            if instrument.receiver.observatory == observatory:
-                parts.append(as_read(instrument, observe_day(instrument, skies, day, rng)))
+        theirs = [one for one in instruments(dataset, day) if one.receiver.observatory == observatory]
+        parts += [as_read(one, observe_day(one, skies, day, rng)) for one in theirs]
     return parts[0] if len(parts) == 1 else combine_receivers(*parts)
 
 
 def as_read(instrument: Instrument, spectrum: xr.Dataset) -> xr.Dataset:
-    """Without what the files do not say, when the samples of a minute were taken, and with what readers make of that."""
+    """Without the times of samples, which files of averages do not have, and with what readers know of them."""
     if not instrument.averaged:
         return spectrum
     return with_visits(filled_in_frequency(spectrum)) if "interpolated" in spectrum else by_minute(without(spectrum))
@@ -162,10 +162,12 @@ def mirrored(spectrum: xr.Dataset) -> xr.Dataset:
     """The day backwards: what drifts upwards is no burst."""
     backwards = spectrum.isel(time=slice(None, None, -1))
     time = spectrum["time"].to_numpy()
-    moments = {"time": time} | ({"sample_time": spectrum["sample_time"].to_numpy()} if "sample_time" in spectrum else {})
-    turned = {name: time[0] + (time[-1] - moment)[::-1] for name, moment in moments.items()}
-    placed = without(backwards).assign_coords(time=turned["time"])
-    return placed.assign({name: (("time", "frequency"), turned[name]) for name in turned if name != "time"})
+    turned = {name: time[0] + (time[-1] - spectrum[name].to_numpy())[::-1] for name in MOMENTS if name in spectrum}
+    return (
+        without(backwards)
+        .assign_coords(time=turned.pop("time"))
+        .assign({name: (("time", "frequency"), moments) for name, moments in turned.items()})
+    )
 
 
 def score_days(days: int, seed: int, first: date = FIRST_DAY, *, with_mirror: bool = True) -> dict[str, Score]:

@@ -91,8 +91,7 @@ def _wind_h1(path: Path, spectra: Sequence[xr.Dataset]) -> Path:
         receiver = str(spectrum.attrs["receiver"])
         if "interpolated" in spectrum:
             measured[receiver] = ~spectrum["interpolated"].to_numpy().astype(bool)
-            spectrum = filled_in_frequency(spectrum)
-        utc, ratio[receiver] = _minutes(spectrum)
+        utc, ratio[receiver] = _minutes(filled_in_frequency(spectrum) if "interpolated" in spectrum else spectrum)
     return write_wind_h1(path, utc, ratio, measured)
 
 

@@ -91,7 +91,7 @@ def _averaged(instrument: Instrument, heard: Heard, rng: np.random.Generator) ->
 
     phase_s = float(rng.uniform(0.0, max(one.cadence_s for one in instrument.averaged)))
     means = minute_means(instrument, take, phase_s)
-    stamp_s = (np.arange(MINUTES) + 0.5) * MINUTE_S
+    stamp_s = np.arange(MINUTES, dtype=np.float64) * MINUTE_S + 0.5 * MINUTE_S
     recorded = np.isfinite(means.power).any(axis=1)
     when_s = np.where(np.isfinite(means.time_s), means.time_s, stamp_s[:, None])
     extra = {"sample_time": _utc(heard.midnight, when_s)[recorded]}

@@ -76,7 +76,7 @@ def filled_in_frequency(spectrum: xr.Dataset) -> xr.Dataset:
         in the unit of the spectrum; without times of samples, which the archive does not have.
     """
     midnight = spectrum["time"].to_numpy()[0].astype("datetime64[D]").astype("datetime64[ns]")
-    stamp = midnight + np.rint((np.arange(MINUTES) + 0.5) * MINUTE_S * 1e9).astype("timedelta64[ns]")
+    stamp = midnight + np.arange(MINUTES) * np.timedelta64(1, "m") + np.timedelta64(30, "s")
     stored = spectrum.drop_vars("sample_time", errors="ignore").reindex(time=stamp)
     channels, values = stored["frequency"].to_numpy(), stored["intensity"].to_numpy().astype(np.float64)
     for row in values:

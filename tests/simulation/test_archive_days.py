@@ -54,7 +54,9 @@ def test_a_written_day_reads_back_as_it_was_simulated(tmp_path: Path, dataset: s
 
     read = {(one.attrs["observatory"], one.attrs["receiver"]): one for one in open_spectra(path)}
     for expected in simulated:
-        found = read[str(expected.attrs["observatory"]), str(expected.attrs["receiver"])].dropna("time", how="all", subset=["intensity"])
+        found = read[str(expected.attrs["observatory"]), str(expected.attrs["receiver"])].dropna(
+            "time", how="all", subset=["intensity"]
+        )
         assert found.attrs["quantity"] == expected.attrs["quantity"]
         np.testing.assert_allclose(found["frequency"], expected["frequency"], rtol=RESOLUTION)
         np.testing.assert_array_equal(found["time"].astype("datetime64[s]"), expected["time"].astype("datetime64[s]"))
