@@ -8,7 +8,7 @@ import numpy.typing as npt
 
 from bella.exceptions import InputError
 from bella.simulation.archive_files import H1_KHZ, LEVEL2_KHZ
-from bella.simulation.receiver import NOISE, Receiver
+from bella.simulation.receiver import Receiver
 from bella.spacecraft import position_hee
 from bella.spectra.list_mode import DWELL_S, LIST_KHZ, LIST_S
 from bella.spectra.stereo import SWEEP_S
@@ -19,9 +19,6 @@ ENCOUNTER_RSUN = 0.25 * AU_RSUN
 
 LIST_MODE_KHZ: FloatArray = np.unique(LIST_KHZ).astype(np.float64)
 """Channels that Wind RAD1 measures in its list mode; the others are interpolated between them."""
-
-TICKS = 4
-"""Parts of a visit of RAD1's list, so that a minute may begin in one."""
 
 L2_LEAD_S = 71.0
 """How long before midnight a Wind level-2 file begins, as that of 2020-07-12 does."""
@@ -127,22 +124,13 @@ def _h1() -> tuple[Instrument, ...]:
 
 
 def _list_mode() -> tuple[Receiver, ...]:
-    """RAD1 as receivers with as many visits to each of their channels in a list, one for each part of a visit."""
+    """RAD1 as receivers with as many visits to each of their channels in a list."""
     visits = np.array([np.count_nonzero(khz == LIST_KHZ) for khz in LIST_MODE_KHZ])
-    first_s = np.array([np.argmax(khz == LIST_KHZ) for khz in LIST_MODE_KHZ]) * DWELL_S
-    part_s = DWELL_S / TICKS
+    middle_s = (np.array([np.argmax(khz == LIST_KHZ) for khz in LIST_MODE_KHZ]) + 0.5) * DWELL_S
+    groups = [(number, visits == number) for number in np.unique(visits)]
     return tuple(
-        Receiver(
-            "WIND",
-            "RAD1",
-            LIST_MODE_KHZ[visits == number] * 1e-3,
-            LIST_S / number,
-            part_s,
-            first_s[visits == number] + (part + 0.5) * part_s,
-            NOISE * np.sqrt(TICKS),
-        )
-        for number in np.unique(visits)
-        for part in range(TICKS)
+        Receiver("WIND", "RAD1", LIST_MODE_KHZ[those] * 1e-3, LIST_S / number, DWELL_S, middle_s[those])
+        for number, those in groups
     )
 
 

@@ -1,6 +1,7 @@
 """One-minute averages as archives hold them: means of what falls into a minute, whenever in it that was."""
 
 from collections.abc import Callable
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -13,6 +14,8 @@ from bella.units import DAY_S, FloatArray
 
 MINUTE_S = 60.0
 MINUTES = int(DAY_S // MINUTE_S)
+PART_S = 0.7
+"""Longer samples are cut into parts of at least this length, as a minute may begin in one."""
 
 
 class Samples(NamedTuple):
@@ -50,7 +53,7 @@ def minute_means(instrument: Instrument, take: Take, phase_s: float) -> Samples:
     count, total, moment = np.zeros((3, size))
     for receiver in instrument.averaged:
         records = np.arange(-2 * longest_s // receiver.cadence_s, (DAY_S + longest_s) // receiver.cadence_s)
-        time_s, power = take(receiver, phase_s + records * receiver.cadence_s)
+        time_s, power = _in_parts(receiver, take, phase_s + records * receiver.cadence_s)
         minute = np.floor(time_s / MINUTE_S).astype(np.intp)
         used = (minute >= 0) & (minute < MINUTES) & np.isfinite(power)
         cell = (minute * channels.size + np.searchsorted(channels, receiver.frequency_mhz))[used]
@@ -59,6 +62,15 @@ def minute_means(instrument: Instrument, take: Take, phase_s: float) -> Samples:
         moment += np.bincount(cell, time_s[used], size)
     number = np.where(count > 0, count, np.nan)
     return Samples(*(np.reshape(one / number, (MINUTES, channels.size)) for one in (moment, total)))
+
+
+def _in_parts(receiver: Receiver, take: Take, middle_s: FloatArray) -> Samples:
+    """Parts of samples, which together have the noise of the whole."""
+    number = max(1, int(receiver.integration_s // PART_S))
+    part_s = receiver.integration_s / number
+    after_s = (np.arange(number) - 0.5 * (number - 1)) * part_s
+    part = replace(receiver, integration_s=part_s, noise=receiver.noise * np.sqrt(number))
+    return take(part, (middle_s[:, None] + after_s).ravel())
 
 
 def filled_in_frequency(spectrum: xr.Dataset) -> xr.Dataset:

@@ -16,8 +16,6 @@ MAX_RECORDS = 200_000
 LIGHT_CURVE_DIGITS = 3
 """Channels whose frequencies agree to this many digits share a light curve."""
 
-NOISE = 0.05
-
 
 @dataclass(frozen=True)
 class Receiver:
@@ -44,7 +42,7 @@ class Receiver:
     cadence_s: float
     integration_s: float
     sample_offset_s: FloatArray
-    noise: float = NOISE
+    noise: float = 0.05
 
 
 def observe(

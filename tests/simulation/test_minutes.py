@@ -75,7 +75,7 @@ def test_the_reader_finds_the_measured_samples_and_their_times(rad1: xr.Dataset,
     assert not (found & ~measured)[away].any()
     # of a visit that two minutes share the shorter part is left out
     assert np.mean(measured & ~found) < 2.0 / 60.0
-    assert found.mean() == pytest.approx(min(1.0, 60.0 * np.count_nonzero(LIST_KHZ == khz) / LIST_S), abs=0.03)
+    assert found.mean() == pytest.approx(min(1.0, 60.0 * np.count_nonzero(khz == LIST_KHZ) / LIST_S), abs=0.03)
     values = [one["intensity"].to_numpy()[found & away, column] for one in (rad1, read)]
     np.testing.assert_array_equal(*values)
     off_s = np.abs(seconds(read) - seconds(rad1))[found & away, column]
