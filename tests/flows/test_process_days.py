@@ -24,8 +24,7 @@ from tests.plotting.test_fleet import green, height
 
 DAY, SEED = date(2021, 2, 1), 1
 DATASETS = (
-    "WI_L2_WAV_RAD1",
-    "WI_L2_WAV_RAD2",
+    "WI_H1_WAV",
     "STEREO_LEVEL2_SWAVES",
     "PSP_FLD_L2_RFS_LFR",
     "PSP_FLD_L2_RFS_HFR",
