@@ -11,7 +11,7 @@ import pandas as pd
 import xarray as xr
 
 from bella.bursts.edge import Edge
-from bella.bursts.flank import flank_edges
+from bella.bursts.flank import SampleAveraging, flank_edges
 from bella.bursts.gauss_hermite import gauss_hermite_edge
 from bella.bursts.half_maximum import half_maximum_edge, spacing_s
 from bella.exceptions import InputError
@@ -87,13 +87,20 @@ def _sample_time_sd_s(spectrum: xr.Dataset) -> FloatArray:
     return np.nan_to_num(spectrum["sample_time_sd_s"].to_numpy().astype(np.float64))
 
 
+def _visits_apart_s(spectrum: xr.Dataset) -> FloatArray | float:
+    """Time between the two visits that a sample is the mean of, shape (time, channels); 0 where there was one."""
+    if "visits_apart_s" not in spectrum:
+        return 0.0
+    return np.nan_to_num(spectrum["visits_apart_s"].to_numpy().astype(np.float64))
+
+
 def _edges(method: str, time_s: FloatArray, spectrum: xr.Dataset) -> list[Edge]:
     power, frequency_mhz = power_above_background(spectrum).to_numpy(), spectrum["frequency"].to_numpy()
-    integration_s = integration_times_s(spectrum)
     records = spectrum["time"].to_numpy()
     cadence_s = float(np.median(np.diff(records)) / np.timedelta64(1, "s")) if records.size > 1 else 1.0
     if method == "flank":
-        return flank_edges(time_s, power, cadence_s, frequency_mhz, integration_s)
+        averaging = SampleAveraging(integration_times_s(spectrum), _visits_apart_s(spectrum))
+        return flank_edges(time_s, power, cadence_s, frequency_mhz, averaging)
     light_curves = zip(time_s.T, power.T, strict=True)
     if method == "half_maximum":
         return [

@@ -19,15 +19,18 @@ import math
 from typing import NamedTuple
 
 import numpy as np
+import numpy.typing as npt
 from scipy import fft
 from scipy.special import chdtrc
 
 from bella.bursts.edge import EDGES_DISAGREE, FIT_FAILED, GAP, NO_FLANK, NO_SAMPLES, NO_SIGNAL, SATURATED, Edge, no_edge
 from bella.bursts.first_maximum import first_maximum
-from bella.bursts.flank_shapes import Shapes, shapes, shared_frequency_mhz
+from bella.bursts.flank_shapes import Averaging, Shapes, shapes, shared_frequency_mhz
 from bella.bursts.half_maximum import FLUX_SCATTER, GAP_CADENCES, LEVEL, half_maximum_edge, quiet_noise, spacing_s
 from bella.bursts.widths import rise_half_width_s
 from bella.units import FloatArray
+
+BoolArray = npt.NDArray[np.bool_]
 
 RISES_BEFORE = 8.0
 """How much of the background before the first guess is fitted with the flank, in half widths of the rise."""
@@ -101,10 +104,23 @@ def _grid(frequency_mhz: float, cadence_s: float) -> Grid:
     return Grid(step, *(math.ceil(span / step) for span in (1.5 * (rise_s + cadence_s), before, after)))
 
 
-def _curves(grid: Grid, frequency_mhz: float, integration_s: float) -> Shapes:
+class Averaged(NamedTuple):
+    """Samples of a channel that are means of the same kind, and the curves as these see them."""
+
+    chosen: BoolArray
+    """Shape (N,)."""
+    curves: Shapes
+
+
+def _averaged(grid: Grid, frequency_mhz: float, integration_s: float, apart_s: FloatArray) -> list[Averaged]:
     first = -grid.before - grid.reach
     points = fft.next_fast_len(grid.after + grid.reach + 2 - first, real=True)
-    return shapes(frequency_mhz, grid.step_s, first, points, integration_s)
+    return [
+        Averaged(
+            apart_s == one, shapes(frequency_mhz, grid.step_s, first, points, Averaging(integration_s, float(one)))
+        )
+        for one in np.unique(apart_s)
+    ]
 
 
 def _sample_error(power: FloatArray, scatter: float, peak: int) -> FloatArray:
@@ -123,30 +139,34 @@ def _deposit(position: FloatArray, weight: FloatArray, points: int) -> FloatArra
 
 
 def _explained(
-    position: FloatArray, power: FloatArray, weight: FloatArray, grid: Grid, curves: Shapes
+    position: FloatArray, power: FloatArray, weight: FloatArray, grid: Grid, kinds: list[Averaged]
 ) -> tuple[FloatArray, FloatArray]:
     """Sums over the samples of curve x power and curve x curve about their means, shape (K, trials) each.
 
     `position` counts steps from the earliest trial time to the sample, less the first point of the curves.
     """
     total = weight.sum()
+    sums = [_correlations(position[of], power[of], weight[of], grid, curves) for of, curves in kinds]
+    sum_shape, product, square = (np.sum(parts, axis=0) for parts in zip(*sums, strict=True))
+    spread = square - sum_shape**2 / total
+    possible = (product > 0) & (spread > 1e-9 * total)
+    return np.where(possible, product, 0.0), np.where(possible, spread, np.inf)
+
+
+def _correlations(
+    position: FloatArray, power: FloatArray, weight: FloatArray, grid: Grid, curves: Shapes
+) -> list[FloatArray]:
+    """Sums over samples of one kind of curve, curve x power and curve x curve, shape (K, trials) each."""
     points = curves.samples.shape[1]
     # at the latest trial time the samples lie 2 * reach steps farther left on the curve
     offset = position - 2 * grid.reach
     deposited = fft.rfft([_deposit(offset, weight, points), _deposit(offset, weight * power, points)]).conj()
     trials = slice(2 * grid.reach, None, -1)
-
-    def _correlated(of_curves: np.ndarray, of_samples: np.ndarray) -> FloatArray:
-        return np.asarray(fft.irfft(of_curves * of_samples, points)[:, trials])
-
-    sum_shape = _correlated(curves.transform, deposited[0])
-    product = _correlated(curves.transform, deposited[1])
-    spread = _correlated(curves.square_transform, deposited[0]) - sum_shape**2 / total
-    possible = (product > 0) & (spread > 1e-9 * total)
-    return np.where(possible, product, 0.0), np.where(possible, spread, np.inf)
+    pairs = [(curves.transform, 0), (curves.transform, 1), (curves.square_transform, 0)]
+    return [np.asarray(fft.irfft(of * deposited[which], points)[:, trials]) for of, which in pairs]
 
 
-def _fitted(time: FloatArray, power: FloatArray, error: FloatArray, grid: Grid, curves: Shapes) -> Edge:
+def _fitted(time: FloatArray, power: FloatArray, error: FloatArray, grid: Grid, kinds: list[Averaged]) -> Edge:
     """Mean and standard deviation of the posterior; time from the first guess.
 
     The background has a flat prior, the amplitude one over itself: a flat one would prefer that a single sample has
@@ -155,8 +175,8 @@ def _fitted(time: FloatArray, power: FloatArray, error: FloatArray, grid: Grid, 
     """
     weight = 1.0 / error**2
     relative = power - np.average(power, weights=weight)
-    position = time / grid.step_s + grid.reach - curves.first
-    product, spread = _explained(position, relative, weight, grid, curves)
+    position = time / grid.step_s + grid.reach - kinds[0].curves.first
+    product, spread = _explained(position, relative, weight, grid, kinds)
     explained = product**2 / spread
     if not explained.max() > 0:
         return no_edge(NO_FLANK)
@@ -166,7 +186,7 @@ def _fitted(time: FloatArray, power: FloatArray, error: FloatArray, grid: Grid, 
     explained /= max(1.0, misfit / free)
     with np.errstate(divide="ignore", invalid="ignore"):
         log = 0.5 * explained + np.where(product > 0, 0.5 * np.log(spread) - np.log(product), -np.inf)
-    log += curves.log_prior[:, None]
+    log += kinds[0].curves.log_prior[:, None]
     probability = np.exp(log - log.max()).sum(axis=0)
     trial = grid.step_s * np.arange(-grid.reach, grid.reach + 1)
     mean = float(np.average(trial, weights=probability))
@@ -182,6 +202,8 @@ class Channel(NamedTuple):
     cadence_s: float
     frequency_mhz: float
     integration_s: float
+    apart_s: FloatArray
+    """Between the two visits that a sample is the mean of, 0 where there was one; shape (N,)."""
     scatter: float = FLUX_SCATTER
     """Standard deviation of a sample as a share of its power."""
 
@@ -242,9 +264,18 @@ def _half_rise(channel: Channel, peak: int, guess_s: float) -> Edge:
     flank = time[1:] >= -FLANK_RISES * rise_half_width_s(channel.frequency_mhz)
     if np.diff(time)[flank].max() > GAP_CADENCES * channel.cadence_s:
         return no_edge(GAP)
-    curves = _curves(grid, shared_mhz, channel.integration_s)
-    edge = _fitted(time[inside], height[inside], error[inside], grid, curves)
+    kinds = _averaged(grid, shared_mhz, channel.integration_s, channel.apart_s[: peak + 2][inside])
+    edge = _fitted(time[inside], height[inside], error[inside], grid, kinds)
     return edge._replace(arrival_s=guess_s + edge.arrival_s)
+
+
+class SampleAveraging(NamedTuple):
+    """What samples are the means of."""
+
+    integration_s: FloatArray | float
+    """Time that one visit averages over, s, shape () or (C,)."""
+    apart_s: FloatArray | float
+    """Time between the two visits that a sample is the mean of, s, shape () or (N, C); 0 where there was one."""
 
 
 def flank_edges(
@@ -252,7 +283,7 @@ def flank_edges(
     power: FloatArray,
     cadence_s: float,
     frequency_mhz: FloatArray,
-    integration_s: FloatArray | float,
+    averaging: FloatArray | float | SampleAveraging,
 ) -> list[Edge]:
     """Half-rise time of every channel.
 
@@ -266,8 +297,8 @@ def flank_edges(
         Time between records, s.
     frequency_mhz : numpy.ndarray, shape (C,)
         MHz.
-    integration_s : float or numpy.ndarray, shape (C,)
-        Time that one sample averages over, s.
+    averaging : float, numpy.ndarray of shape (C,), or SampleAveraging
+        Time that one sample averages over, s; or that and which samples are the mean of two visits.
 
     Returns
     -------
@@ -276,11 +307,15 @@ def flank_edges(
         ``edges_disagree``, where the half-maximum says otherwise, and ``saturated``.
     """
     times = np.broadcast_to(time_s if time_s.ndim == 2 else time_s[:, None], power.shape)
-    means = np.broadcast_to(integration_s, frequency_mhz.shape)
+    over = averaging if isinstance(averaging, SampleAveraging) else SampleAveraging(averaging, 0.0)
+    means_s, apart_s = (
+        np.broadcast_to(over.integration_s, frequency_mhz.shape),
+        np.broadcast_to(over.apart_s, power.shape),
+    )
     channels = []
-    for with_gaps, column, frequency, mean_s in zip(times.T, power.T, frequency_mhz, means, strict=True):
-        known = np.isfinite(column)
-        time = with_gaps[known]
-        spacing = spacing_s(time, cadence_s)
-        channels.append(Channel(time, column[known], spacing, float(frequency), float(mean_s)))
+    for index, frequency in enumerate(frequency_mhz):
+        known = np.isfinite(power[:, index])
+        time = times[known, index]
+        light_curve = (time, power[known, index], spacing_s(time, cadence_s))
+        channels.append(Channel(*light_curve, float(frequency), float(means_s[index]), apart_s[known, index]))
     return [_channel_edge(channel._replace(scatter=_scatter(channel))) for channel in channels]

@@ -66,13 +66,22 @@ def unit_curve(step: int) -> UnitCurve:
     return UnitCurve(ndtr(UNIT_TIME) - smeared, float(density[top]), float(half_rise))
 
 
+class Averaging(NamedTuple):
+    """What a sample is the mean of."""
+
+    integration_s: float
+    """Time that one visit averages over, s."""
+    apart_s: float = 0.0
+    """Time between the two visits that a sample is the mean of, s; 0 where there was one."""
+
+
 class Shapes(NamedTuple):
     """Curves of maximum 1 about their half-rise, and how likely they are beforehand."""
 
     first: int
     """Of the half-rise, in steps before the first point is this many (not above zero)."""
     samples: FloatArray
-    """Means over the integration time, shape (K, G)."""
+    """Means over what a sample averages, shape (K, G)."""
     transform: NDArray[np.complex128]
     """Fourier transform of the samples, shape (K, G // 2 + 1)."""
     square_transform: NDArray[np.complex128]
@@ -87,7 +96,7 @@ def shared_frequency_mhz(frequency_mhz: float) -> float:
 
 
 @lru_cache(maxsize=256)
-def shapes(frequency_mhz: float, step_s: float, first: int, points: int, integration_s: float) -> Shapes:
+def shapes(frequency_mhz: float, step_s: float, first: int, points: int, averaging: Averaging) -> Shapes:
     """Curves of a frequency.
 
     Parameters
@@ -98,8 +107,8 @@ def shapes(frequency_mhz: float, step_s: float, first: int, points: int, integra
         Spacing of the points, s.
     first, points : int
         Of the first point, in steps after the half-rise, and their number, G.
-    integration_s : float
-        Time that one sample averages over, s.
+    averaging : Averaging
+        What a sample is the mean of.
 
     Returns
     -------
@@ -111,13 +120,17 @@ def shapes(frequency_mhz: float, step_s: float, first: int, points: int, integra
         sd = rise_half_width_s(frequency_mhz) / HALF_WIDTH_SD * np.exp(of_rise * RISE_SPREAD)
         for of_decay in SPREADS:
             tail = decay_s(frequency_mhz) * np.exp(of_decay * DECAY_SPREAD)
-            rows.append(_means(time / sd, integration_s / sd, round(float(np.log(tail / sd)) / RATIO_STEP)))
+            in_sd = Averaging(averaging.integration_s / sd, averaging.apart_s / sd)
+            rows.append(_means(time / sd, in_sd, round(float(np.log(tail / sd)) / RATIO_STEP)))
             prior.append(-0.5 * (of_rise**2 + of_decay**2))
     samples = np.array(rows)
     return Shapes(first, samples, fft.rfft(samples), fft.rfft(samples**2), np.array(prior))
 
 
-def _means(time: FloatArray, width: float, step: int) -> FloatArray:
-    curve = unit_curve(step)
+def _means(time: FloatArray, averaging: Averaging, step: int) -> FloatArray:
+    if averaging.apart_s:
+        visit = averaging._replace(apart_s=0.0)
+        return np.asarray(0.5 * sum(_means(time + side * averaging.apart_s, visit, step) for side in (-0.5, 0.5)))
+    curve, width = unit_curve(step), averaging.integration_s
     upto = [np.interp(curve.half_rise + time + half, UNIT_TIME, curve.integral) for half in (-0.5 * width, 0.5 * width)]
     return np.asarray((upto[1] - upto[0]) / (width * curve.height))

@@ -8,6 +8,8 @@ A dynamic spectrum is an :class:`xarray.Dataset` with dimensions ``time`` and ``
 - optional ``interpolated(frequency)``: True for channels that were not measured;
 - optional ``channel_integration_s(frequency)`` where channels differ in it; ``sample_time_sd_s(frequency)``, how well
   the times of their samples are known;
+- optional ``visits_apart_s(time, frequency)``: time between the two visits that a sample is the mean of, 0 where it is
+  of one;
 - optional ``position_km(time, axis)``: where the spacecraft was, NaN where not known, with the attribute ``frame``, one
   of ``POSITION_FRAMES``;
 - attributes ``observatory``, ``receiver``, ``quantity`` (one of ``QUANTITIES``), ``integration_s``, ``source_files``;
@@ -38,6 +40,7 @@ OPTIONAL_DIMENSIONS = {
     "interpolated": ("frequency",),
     "channel_integration_s": ("frequency",),
     "sample_time_sd_s": ("frequency",),
+    "visits_apart_s": ("time", "frequency"),
     POSITION: ("time", "axis"),
 }
 

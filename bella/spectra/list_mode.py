@@ -47,6 +47,9 @@ are so by chance.
 RECOGNISED = 0.98
 """Share of the visits that the list has to explain."""
 
+APART_STEP_S = 4 * DWELL_S
+"""Times between the two visits of a minute are rounded to this and to seconds, as every one needs curves of its own."""
+
 COARSE_S, FINE_S = 1.0, 0.25
 COARSE_CHANNELS = 3
 ROWS = 64
@@ -88,7 +91,19 @@ def measured_samples(intensity: FloatArray, frequency_mhz: FloatArray) -> BoolAr
     return measured
 
 
-def visited_minutes(frequency_khz: int, start_s: float, minutes: int) -> tuple[FloatArray, FloatArray]:
+class VisitedMinutes(NamedTuple):
+    """When the list visits a frequency within each of N minutes."""
+
+    duration_s: FloatArray
+    """Time of the minute at this frequency, s; 0 without a visit."""
+    middle_s: FloatArray
+    """Mean time of what is in the minute, seconds after the first minute begins; NaN without a visit."""
+    apart_s: FloatArray
+    """Time between two visits in the minute, whole s; 0 where there is one. Where one of two is cut by the end of the minute,
+    that of two equal visits whose times have the same standard deviation."""
+
+
+def visited_minutes(frequency_khz: int, start_s: float, minutes: int) -> VisitedMinutes:
     """When the list visits a frequency within each minute.
 
     Parameters
@@ -101,10 +116,7 @@ def visited_minutes(frequency_khz: int, start_s: float, minutes: int) -> tuple[F
 
     Returns
     -------
-    duration_s : numpy.ndarray, shape (N,)
-        Time of the minute at this frequency, s; 0 without a visit.
-    middle_s : numpy.ndarray, shape (N,)
-        Mean time of what is in the minute, seconds after the first minute begins; NaN without a visit.
+    VisitedMinutes
     """
     runs = np.arange(-2, int(minutes * MINUTE_S / LIST_S) + 2) * LIST_S
     steps = np.flatnonzero(frequency_khz == LIST_KHZ) * DWELL_S
@@ -113,14 +125,18 @@ def visited_minutes(frequency_khz: int, start_s: float, minutes: int) -> tuple[F
     border = (minute + 1) * MINUTE_S
     pieces = [(minute, begin, np.minimum(begin + DWELL_S, border))]
     pieces.append((minute + 1, np.minimum(border, begin + DWELL_S), begin + DWELL_S))
-    duration, moment = np.zeros(minutes), np.zeros(minutes)
+    duration, moment, square = np.zeros(minutes), np.zeros(minutes), np.zeros(minutes)
     for of, first, last in pieces:
         inside = (of >= 0) & (of < minutes)
         length = (last - first)[inside]
+        within = 0.5 * (first + last)[inside] - MINUTE_S * of[inside]
         duration += np.bincount(of[inside], length, minutes)
-        moment += np.bincount(of[inside], length * 0.5 * (first + last)[inside], minutes)
+        moment += np.bincount(of[inside], length * within, minutes)
+        square += np.bincount(of[inside], length * within**2, minutes)
     with np.errstate(invalid="ignore", divide="ignore"):
-        return duration, np.where(duration > 0.0, moment / duration, np.nan)
+        middle, variance = moment / duration, square / duration - (moment / duration) ** 2
+    apart = np.rint(APART_STEP_S * np.rint(2.0 * np.sqrt(np.maximum(variance, 0.0)) / APART_STEP_S))
+    return VisitedMinutes(duration, MINUTE_S * np.arange(minutes) + middle, np.nan_to_num(apart))
 
 
 def with_visits(spectrum: xr.Dataset) -> xr.Dataset:
@@ -135,8 +151,9 @@ def with_visits(spectrum: xr.Dataset) -> xr.Dataset:
     -------
     xarray.Dataset
         Interpolated samples are NaN and channels that are interpolated throughout are flagged ``interpolated``. With
-        ``sample_time`` where the visits are those of the list; else ``sample_time_sd_s`` says that a sample which is
-        not taken every minute is anywhere in its own. A spectrum without interpolated samples stays as it is.
+        ``sample_time`` and ``visits_apart_s`` where the visits are those of the list; else ``sample_time_sd_s`` says
+        that a sample which is not taken every minute is anywhere in its own. A spectrum without interpolated samples
+        stays as it is.
     """
     intensity = np.array(spectrum["intensity"])
     frequency_mhz = spectrum["frequency"].to_numpy()
@@ -164,16 +181,18 @@ def _timed(marked: xr.Dataset, visits: Visits, sometimes: BoolArray) -> xr.Datas
     minutes = marked.sizes["time"]
     sample_time = np.repeat(marked["time"].to_numpy()[:, None], khz.size, axis=1)
     midway_s = (np.arange(minutes) + 0.5) * MINUTE_S
-    intensity = marked["intensity"].to_numpy()
+    intensity, apart_s = marked["intensity"].to_numpy(), np.zeros((minutes, khz.size), dtype=np.uint8)
     for column in np.flatnonzero(np.isin(khz, LIST_KHZ)):
-        duration_s, middle_s = visited_minutes(int(khz[column]), start_s, minutes)
-        late_s = np.where(duration_s > 0.0, middle_s - midway_s, 0.0)
+        visited = visited_minutes(int(khz[column]), start_s, minutes)
+        late_s = np.where(visited.duration_s > 0.0, visited.middle_s - midway_s, 0.0)
         sample_time[:, column] += np.rint(late_s * 1e9).astype("timedelta64[ns]")
+        apart_s[:, column] = visited.apart_s
         # of a visit that two minutes share the longer part stays
-        intensity[duration_s < 0.5 * DWELL_S, column] = np.nan
+        intensity[visited.duration_s < 0.5 * DWELL_S, column] = np.nan
     unlisted = marked["interpolated"].to_numpy() | ~np.isin(khz, LIST_KHZ)
     return marked.assign(
         sample_time=(("time", "frequency"), sample_time),
+        visits_apart_s=(("time", "frequency"), apart_s),
         interpolated=("frequency", unlisted),
     ).assign_attrs(integration_s=DWELL_S)
 
@@ -195,7 +214,7 @@ def _list_start_s(visits: Visits, khz: npt.NDArray[np.intp], columns: npt.NDArra
 def _explained(visits: Visits, khz: npt.NDArray[np.intp], columns: npt.NDArray[np.intp], start_s: float) -> float:
     """Share of minutes in which there is a visit where there should be, and none where not; median over channels."""
     agree = [
-        (visited_minutes(int(khz[one]), start_s, visits.known.size)[0] > 0.0)[visits.known]
+        (visited_minutes(int(khz[one]), start_s, visits.known.size).duration_s > 0.0)[visits.known]
         == visits.measured[visits.known, one]
         for one in columns
     ]

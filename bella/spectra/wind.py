@@ -7,6 +7,7 @@ from bella.exceptions import InputError
 from bella.spectra.assembly import Origin, assemble, cadence_s, shared_channels
 from bella.spectra.cdf import CdfFile
 from bella.spectra.list_mode import with_visits
+from bella.spectra.sweep_minutes import with_sweeps
 from bella.spectra.sweeps import assemble_sweeps
 
 OBSERVATORY = "WIND"
@@ -24,7 +25,8 @@ def read_h1(cdf: CdfFile, receiver: str = "") -> tuple[xr.Dataset, ...]:
     Run on the archive file of 2010-01-17. A channel whose background is zero was interpolated between measured ones,
     and is flagged ``interpolated``; a ratio of zero is no data. Ratios of two days have two backgrounds. What the list
     mode of RAD1 did not visit in a minute is NaN, and samples have the time of the visit
-    (:mod:`bella.spectra.list_mode`).
+    (:mod:`bella.spectra.list_mode`); those of RAD2 the mean time of the sweeps in the minute
+    (:mod:`bella.spectra.sweep_minutes`).
 
     Parameters
     ----------
@@ -45,7 +47,9 @@ def read_h1(cdf: CdfFile, receiver: str = "") -> tuple[xr.Dataset, ...]:
     """
     del receiver
     time = cdf.utc("Epoch")
-    return tuple(_h1_receiver(cdf, name, time) for name in ("RAD1", "RAD2", "TNR"))
+    # least memory is used at a time if those come last that take least to read
+    by_name = {name: _h1_receiver(cdf, name, time) for name in ("TNR", "RAD1", "RAD2")}
+    return tuple(by_name[name] for name in ("RAD1", "RAD2", "TNR"))
 
 
 def _h1_receiver(cdf: CdfFile, receiver: str, time: np.ndarray) -> xr.Dataset:
@@ -55,7 +59,8 @@ def _h1_receiver(cdf: CdfFile, receiver: str, time: np.ndarray) -> xr.Dataset:
     frequency_mhz = cdf.frequency_mhz(f"Frequency_{receiver}", "kHz")
     origin = Origin(OBSERVATORY, receiver, "voltage_ratio", cdf.name)
     spectrum = assemble(origin, time, frequency_mhz, ratio, {"interpolated": ~(background > 0.0)})
-    return with_visits(spectrum) if receiver == "RAD1" else spectrum
+    by_name = {"RAD1": with_visits, "RAD2": with_sweeps}
+    return by_name[receiver](spectrum) if receiver in by_name else spectrum
 
 
 def read_l2(cdf: CdfFile, receiver: str) -> tuple[xr.Dataset, ...]:

@@ -15,6 +15,7 @@ from bella.spectra.bounded import inflate, reading
 from bella.spectra.dynamic_spectrum import GEOCENTRIC
 from bella.spectra.given_positions import EARTH_RADIUS_KM, with_positions
 from bella.spectra.list_mode import with_visits
+from bella.spectra.sweep_minutes import with_sweeps
 
 OBSERVATORY = "WIND"
 LARGEST_FILE = 64 << 20
@@ -84,7 +85,7 @@ def read_idl(path: Path, receiver: str) -> tuple[xr.Dataset, ...]:
     """1-minute averages as an IDL save set: the same values as in the H1 CDF.
 
     Not yet run on an archive file: written to the published description of the product. Frequencies are not stored in
-    the file but agreed on; channels without a background are flagged ``interpolated``, and RAD1 is treated as in H1.
+    the file but agreed on; channels without a background are flagged ``interpolated``, and the receivers are treated as in H1.
 
     Parameters
     ----------
@@ -117,7 +118,7 @@ def read_idl(path: Path, receiver: str) -> tuple[xr.Dataset, ...]:
     spectrum = assemble(
         origin, time, np.linspace(*BANDS_MHZ[band], CHANNELS), ratio, {"interpolated": ~(background > 0.0)}
     )
-    return (with_visits(spectrum) if band == "rad1" else spectrum,)
+    return (with_visits(spectrum) if band == "rad1" else with_sweeps(spectrum),)
 
 
 def date_of(name: str) -> np.datetime64:

@@ -8,12 +8,13 @@ import xarray as xr
 from bella.spectra import combine_receivers, validate_spectrum
 from bella.spectra.list_mode import with_visits
 from bella.spectra.stereo import by_minute
+from bella.spectra.sweep_minutes import with_sweeps
 
 
 def wind(folder: Path) -> xr.Dataset:
     """Both receivers, ratios of voltages by the minute; without what was interpolated, as the reader has it."""
     rad1, rad2 = (_spectrum(folder, f"windrad{one}", "WIND", "voltage_ratio", 60.0) for one in (1, 2))
-    return combine_receivers(with_visits(rad1), rad2)
+    return combine_receivers(with_visits(rad1), with_sweeps(rad2))
 
 
 def wind_as_archived(folder: Path) -> xr.Dataset:

@@ -120,7 +120,7 @@ def test_a_line_in_frequency_is_seen_whatever_the_spacing() -> None:
 
 
 def test_the_minutes_of_a_list_hold_all_of_its_visits() -> None:
-    duration_s, middle_s = visited_minutes(376, START_S, MINUTES)
+    duration_s, middle_s, _ = visited_minutes(376, START_S, MINUTES)
     visited = duration_s > 0.0
 
     assert duration_s.sum() == pytest.approx(MINUTES * 60.0 * 2 / 64, abs=2 * DWELL_S)
