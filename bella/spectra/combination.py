@@ -172,9 +172,8 @@ def _with_same_variables(parts: list[xr.Dataset]) -> list[xr.Dataset]:
 
 
 def _nothing(part: xr.Dataset, name: str, dims: tuple[Any, ...]) -> xr.DataArray:
-    neutral = {"interpolated": False, "sample_offset_s": 0.0, "visits_apart_s": np.uint8(0)}.get(
-        name, np.float32(np.nan)
-    )
+    known = {"interpolated": False, "sample_offset_s": 0.0, "visits_apart_s": np.uint8(0)}
+    neutral = known.get(name, np.float32(np.nan))
     shape = tuple(part.sizes[dim] for dim in dims)
     return xr.DataArray(np.full(shape, neutral), dims=dims, coords={dim: part[dim] for dim in dims})
 

@@ -99,8 +99,8 @@ class VisitedMinutes(NamedTuple):
     middle_s: FloatArray
     """Mean time of what is in the minute, seconds after the first minute begins; NaN without a visit."""
     apart_s: FloatArray
-    """Time between two visits in the minute, whole s; 0 where there is one. Where one of two is cut by the end of the minute,
-    that of two equal visits whose times have the same standard deviation."""
+    """Time between two visits in the minute, whole s; 0 where there is one. Where one of two is cut by the end of the
+    minute, that of two equal visits whose times have the same standard deviation."""
 
 
 def visited_minutes(frequency_khz: int, start_s: float, minutes: int) -> VisitedMinutes:

@@ -85,7 +85,8 @@ def read_idl(path: Path, receiver: str) -> tuple[xr.Dataset, ...]:
     """1-minute averages as an IDL save set: the same values as in the H1 CDF.
 
     Not yet run on an archive file: written to the published description of the product. Frequencies are not stored in
-    the file but agreed on; channels without a background are flagged ``interpolated``, and the receivers are treated as in H1.
+    the file but agreed on; channels without a background are flagged ``interpolated``, and the times of samples are
+    found as in H1.
 
     Parameters
     ----------
