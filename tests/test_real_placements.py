@@ -133,12 +133,12 @@ def test_the_burst_of_02_54_runs_out_on_the_far_side(day_2020: Heard) -> None:
 
     assert why_not_timed(timed, day_2020.bursts["T3-20200721-0253"].observatories) == ""
     assert (np.diff(range_rsun) > 0.0).all()
-    assert range_rsun[[0, -1]] == pytest.approx([28.0, 78.0], abs=10.0)
-    assert longitude_deg[[0, -1]] == pytest.approx([164.0, 150.0], abs=6.0)
+    assert range_rsun[[0, -1]] == pytest.approx([21.0, 86.0], abs=8.0)
+    assert longitude_deg[[0, -1]] == pytest.approx([166.0, 151.0], abs=6.0)
     assert (np.diff(longitude_deg) < 0.0).all(), "a spiral runs to the east"
 
 
-@pytest.mark.parametrize(("method", "phi0_deg"), [("flank", 160.2), ("half_maximum", 172.0)])
+@pytest.mark.parametrize(("method", "phi0_deg"), [("flank", 162.8), ("half_maximum", 172.4)])
 def test_one_spiral_through_the_burst_of_02_54(day_2020: Heard, method: str, phi0_deg: float) -> None:
     fit = joint_of(day_2020.arrivals("T3-20200721-0253", method, TRACK_MHZ))
 

@@ -1,8 +1,10 @@
+from typing import NamedTuple
+
 import numpy as np
 import pytest
 
 from bella.bursts.edge import Edge
-from bella.bursts.flank import flank_edges
+from bella.bursts.flank import SampleAveraging, flank_edges
 from bella.bursts.half_maximum import half_maximum_edge
 from bella.bursts.widths import decay_s
 from bella.simulation.light_curve import light_curve
@@ -132,3 +134,62 @@ def test_sigma_is_that_of_bursts_unlike_the_fitted_ones(cadence_s: float, second
     assert 0.75 < found.pull < 1.3
     assert found.outliers < 0.01
     assert found.refused < 0.02
+
+
+class Minutes(NamedTuple):
+    """Means of the visits that fall into a minute, at the mean times of these."""
+
+    time_s: np.ndarray
+    power: np.ndarray
+    apart_s: np.ndarray
+    """Between two visits of a minute, 0 where there is one."""
+
+
+def minutes_of_visits(frequency_mhz: float, revisit_s: float, dwell_s: float, random: np.random.Generator) -> Minutes:
+    """A burst whose half-rise is at 0, seen for `dwell_s` once in `revisit_s` and averaged by minute."""
+    rise, decay = np.exp(random.normal(0.0, [0.3, 0.25]))
+    begin = np.arange(-1800.0, 1500.0, revisit_s) + random.uniform(0.0, revisit_s)
+    curve = light_curve(frequency_mhz, float(rise), float(decay))
+    power = (1 + 15 * curve.mean(begin, begin + dwell_s)) * (1 + 0.05 * random.standard_normal(begin.size)) - 1
+    middle = begin + 0.5 * dwell_s
+    minute = np.floor((middle - begin[0] + random.uniform(0.0, 60.0)) / 60.0).astype(int)
+    number = np.bincount(minute)
+    held = np.flatnonzero(number)
+    means = [np.bincount(minute, one)[held] / number[held] for one in (middle, power)]
+    return Minutes(*means, np.where(number[held] > 1, revisit_s, 0.0))
+
+
+def edges_of(curves: list[Minutes], frequency_mhz: float, averaging: list[SampleAveraging]) -> np.ndarray:
+    """Error of every edge and in its sigmas, shape (2, N); edges that were refused left out."""
+    edges = [
+        flank_edges(one.time_s, one.power[:, None], 60.0, np.array([frequency_mhz]), of)[0]
+        for one, of in zip(curves, averaging, strict=True)
+    ]
+    return np.array([(edge.arrival_s, edge.arrival_s / edge.sigma_s) for edge in edges if not edge.flag]).T
+
+
+@pytest.mark.parametrize("frequency_mhz", [0.548, 0.916])
+def test_minutes_with_two_visits_are_fitted_as_such(frequency_mhz: float) -> None:
+    """As a third of those of Wind RAD1 from 428 kHz up."""
+    random = np.random.default_rng(31)
+    curves = [minutes_of_visits(frequency_mhz, 45.8, 2.86, random) for _ in range(60)]
+    known = edges_of(curves, frequency_mhz, [SampleAveraging(2.86, one.apart_s[:, None]) for one in curves])
+    taken_for_one = edges_of(curves, frequency_mhz, [SampleAveraging(2.86, 0.0)] * len(curves))
+
+    assert known[0].std() < 0.85 * taken_for_one[0].std()
+    assert abs(np.median(known[0])) < 2.0
+    assert 0.6 < known[1].std() < 1.25
+    assert known[1].std() < taken_for_one[1].std()
+    assert known.shape[1] >= 0.95 * taken_for_one.shape[1]
+
+
+def test_both_receivers_of_wind_time_a_burst_alike() -> None:
+    """RAD1 by single visits and pairs of them, RAD2 by three or four snapshots a minute."""
+    random = np.random.default_rng(32)
+    rad1 = [minutes_of_visits(1.04, 45.8, 2.86, random) for _ in range(80)]
+    rad2 = [minutes_of_visits(1.075, 16.192, 0.06, random) for _ in range(80)]
+    early = edges_of(rad1, 1.04, [SampleAveraging(2.86, one.apart_s[:, None]) for one in rad1])
+    late = edges_of(rad2, 1.075, [SampleAveraging(60.0, 0.0)] * len(rad2))
+
+    assert abs(np.median(early[0]) - np.median(late[0])) < 2.0
+    assert late[1].std() < 1.3
