@@ -56,12 +56,12 @@ def fused_words(companions: Fit) -> str:
 
 def _ingredient(one: Fit) -> str:
     name = INGREDIENTS[one["name"]].capitalize()
-    begin = f"{name}: χ² {one['chi2']:.0f} of {one['number']}"
+    begin = f"{name}: χ² {one['chi2']:.1f} for {one['number']} {'value' if one['number'] == 1 else 'values'}"
     if not one["sd_ratio"]:
         return f"{begin}; without them there is no track."
     longitude, wind = (f"{one['sd_ratio'][parameter]:.2f}" for parameter in ("phi0_deg", "v_sw_km_s"))
     apart = " They contradict the others." if one["tension"] > DISAGREE else ""
     return (
-        f"{begin}, errors over those without: longitude {longitude}, wind {wind}; "
-        f"{one['tension']:.1f} standard deviations from the others.{apart}"
+        f"{begin}; with them the error of the longitude is {longitude} and that of the wind {wind} times what it is "
+        f"without; {one['tension']:.1f} standard deviations from the others.{apart}"
     )

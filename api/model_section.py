@@ -34,7 +34,7 @@ def model_words(companions: Fit) -> str:
         for row in named
     )
     return (
-        f"By their evidence, with longitude and wind: {each}. Whichever holds, the longitude is "
+        f"Probability by the arrival times alone, longitude and wind: {each}. Averaged over all of them, the longitude is "
         f"{written_error(found['phi0_deg'], 1)}°."
     )
 

@@ -80,6 +80,12 @@ class TrackSection:
     fused: str = ""
     models: str = ""
 
+    @property
+    def brief(self) -> str:
+        """Longitude and wind of the joint fit, for where the section is folded."""
+        longitude, wind = (cells[0].words for _, cells in self.rows[:2])
+        return f"{longitude}°, {wind} km/s"
+
 
 def track_section(solution: SolutionReply, track: Fit, figures: list[tuple[str, str, str]]) -> TrackSection | None:
     """Section of a solution.

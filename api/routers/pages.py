@@ -17,6 +17,7 @@ from api.rendering import render
 from api.routers.bursts import versions_of
 from api.schemas import SolutionReply, burst_links, figure_path
 from api.service import CatalogueHere, ServiceHere
+from api.summary_section import summary_words
 from api.track_section import TrackSection, track_section
 from api.wind_section import wind_table
 from api.wording import APPARENT_SOURCE, EDGE_DECIDES
@@ -107,6 +108,7 @@ def burst_page(request: Request, burst_id: str, service: ServiceHere, catalogue:
         fits=_fit_rows(tracks),
         sections=_sections(tracks, service.settings),
         wind=wind_table(track for _, track in tracks),
+        summary=_summary(tracks),
         edges_apart=edge_remark({edge_name(s.series.edge): track for s, track in tracks}),
         flags=sorted({flag for solution in solutions for flag in solution.flags} - SAID_ELSEWHERE),
         contraction=_contraction(catalogue, solutions),
@@ -157,6 +159,12 @@ def _sections(tracks: list[Track], settings: Settings) -> list[TrackSection]:
         track_section(SolutionReply.of(solution), track, _drawn(solution, settings)) for solution, track in tracks
     ]
     return [section for section in sections if section]
+
+
+def _summary(tracks: list[Track]) -> str:
+    """Where and how sure, by the first track that says it."""
+    each = (summary_words(edge_name(solution.series.edge), track) for solution, track in tracks)
+    return next(filter(None, each), "")
 
 
 def _drawn(solution: Solution, settings: Settings) -> list[tuple[str, str, str]]:

@@ -31,7 +31,7 @@ MODEL_COLOURS = ("#7a4fb5", "#11936b", "#b8508f", "#8c6d1f", "#5b6b7a")
 CORRECTED_MARKERS = ("v", "^")
 EMISSION_DASHES = {1: "-", 2: "--"}
 LEAST_SHOWN_DEG = 10.0
-DRAWN_FITS = ((0, "two_step", "unweighted", "--"), (1, "weighted", "errors in both", "-"), (3, "joint", "joint", ":"))
+DRAWN_FITS = ((0, "two_step", "two-step", "--"), (1, "weighted", "errors in both", "-"), (3, "joint", "joint", ":"))
 """Place of its style, name, words and dashes of each spiral of one speed."""
 
 

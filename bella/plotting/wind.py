@@ -55,12 +55,13 @@ def write_wind_map_png(path: Path, wind: SteadyWind, scene: WindScene) -> None:
         Or a snapshot of a :class:`bella.solar_wind.WindHistory`.
     scene : WindScene
     """
-    figure = Figure(figsize=(7.2, 6.6), layout="constrained")
+    figure = Figure(figsize=(7.2, 7.0), layout="constrained")
     axes = figure.add_subplot()
     _draw_wind(figure, axes, wind, scene.utc)
     _draw_surroundings(axes, scene.receiver_rsun)
     _draw_track(axes, scene)
     _finish(axes, wind, scene.utc)
+    figure.legend(loc="outside lower center", fontsize=8, frameon=False, ncols=2)
     save_png(figure, path)
 
 
@@ -123,4 +124,3 @@ def _finish(axes: Axes, wind: SteadyWind, utc: np.datetime64) -> None:
     axes.set_ylabel(r"HEE Y ($R_\odot$)")
     when = str(utc.astype("datetime64[m]")).replace("T", " ")
     axes.set_title(f"Solar wind, {when} UTC", fontsize=9, loc="left", color=INK)
-    axes.legend(loc="upper right", fontsize=7.5, framealpha=0.9)

@@ -39,8 +39,8 @@ def test_spirals_are_drawn_over_the_positions_with_their_speeds() -> None:
     track, drawn = polar_track(posterior), axes()
     _draw_fits(drawn, track_fit(posterior) | piecewise_fit(posterior), track.range_rsun, _without_jumps(track))
 
-    unweighted, weighted = (str(line.get_label()) for line in drawn.lines)
-    assert unweighted.startswith("unweighted: 400 ±")
+    two_step, weighted = (str(line.get_label()) for line in drawn.lines)
+    assert two_step.startswith("two-step: 400 ±")
     assert weighted.startswith("errors in both: 40")
     for line in drawn.lines:
         np.testing.assert_allclose(line.get_ydata(), track.longitude_deg, atol=0.5)

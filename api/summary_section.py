@@ -1,0 +1,80 @@
+"""Where a burst was and how well that is known, in one paragraph at the head of the section about tracks."""
+
+from collections.abc import Mapping
+from typing import Any
+
+from api.rendering import written_error
+from api.wording import flag_meaning
+
+Fit = Mapping[str, Any]
+DOUBTS = frozenset({"several_tracks", "poor_fit", "poor_weights", "phi0_not_constrained", "ingredients_disagree"})
+RESTS_ON = "The errors hold if one beam on one spiral is what happened, and if its waves came straight."
+
+
+def summary_words(edge: str, track: Fit) -> str:
+    """Where the source went, where its field line starts, and what the errors rest on.
+
+    Parameters
+    ----------
+    edge : str
+        Words for the definition of the edge that the track was timed by.
+    track : mapping
+        Track fit as kept in the catalogue.
+
+    Returns
+    -------
+    str
+        Empty where the track has no joint fit with a longitude.
+    """
+    joint = track.get("joint") or {}
+    if (joint.get("phi0_deg") or {}).get("mean") is None:
+        return ""
+    beside = track.get("companions", {})
+    way = _way(beside.get("density_excess", {}))
+    said = [
+        f"Timed by its {edge}, {way}its field line starts at the Sun at {_place(joint)}; positive is west of the Earth.",
+        _measured(beside.get("fused", {})),
+        *(_doubts(joint) or [RESTS_ON]),
+    ]
+    return " ".join(filter(None, said))
+
+
+def _doubts(joint: Fit) -> list[str]:
+    """What says that the errors do not hold."""
+    return [flag_meaning(flag) for flag in joint.get("flags", ()) if flag in DOUBTS]
+
+
+def _way(excess: Fit) -> str:
+    """Distances at the highest and the lowest frequency."""
+    rows = sorted(excess.get("rows", []), key=lambda row: -row["frequency_mhz"])
+    if len(rows) < 2:
+        return ""
+    first, last = (
+        f"{written_error({'mean': row['range_rsun'], 'sd': row['range_sd_rsun']}, 0)} R☉ from the Sun at "
+        f"{row['frequency_mhz']:.2g} MHz"
+        for row in (rows[0], rows[-1])
+    )
+    return f"the burst appears {first} and {last}; "
+
+
+def _place(fit: Fit) -> str:
+    """Longitude with its 95 % interval, and the wind of a fit, or that there is none."""
+    phi0, wind = fit["phi0_deg"], fit.get("v_sw_km_s") or {}
+    within = "" if phi0.get("q2_5") is None else f" (95 %: {_signed(phi0['q2_5'])} to {_signed(phi0['q97_5'])}°)"
+    speed = f", in a wind of {written_error(wind, 0)} km/s" if wind.get("mean") is not None else ""
+    if "not_a_spiral" in fit.get("flags", ()):
+        speed = ", and no speed of the wind follows"
+    return f"{written_error(phi0, 1)}°{within}{speed}"
+
+
+def _measured(fused: Fit) -> str:
+    """The same by the fit to all that is known, where it knows more than arrival times."""
+    if (fused.get("phi0_deg") or {}).get("mean") is None:
+        return ""
+    known = {"wave_directions": "wave directions", "wind_prior": "the wind measured in situ"}
+    names = [known[one["name"]] for one in fused.get("ingredients", ()) if one["name"] in known]
+    return f"With {' and '.join(names)}: {_place(fused)}." if names else ""
+
+
+def _signed(degrees: float) -> str:
+    return f"{degrees:.0f}".replace("-", "\N{MINUS SIGN}")
