@@ -46,7 +46,8 @@ def _doubts(joint: Fit) -> list[str]:
 
 def _way(excess: Fit) -> str:
     """Distances at the highest and the lowest frequency."""
-    rows = sorted(excess.get("rows", []), key=lambda row: -row["frequency_mhz"])
+    known = [row for row in excess.get("rows", []) if row.get("range_rsun") is not None]
+    rows = sorted(known, key=lambda row: -row["frequency_mhz"])
     if len(rows) < 2:
         return ""
     first, last = (

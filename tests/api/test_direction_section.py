@@ -38,8 +38,8 @@ def test_nothing_is_said_where_nothing_is_known(words: Callable[[dict[str, Any]]
 def test_each_ingredient_says_what_it_adds_and_whether_it_contradicts() -> None:
     times = ADDED | {"name": "arrival_times", "sd_ratio": {}}
     words = fused_words({"fused": {"ingredients": [times, ADDED | {"name": "wave_directions", "tension": 4.2}]}})
-    assert "Arrival times: χ² 19 of 130; without them there is no track." in words
-    assert "Wave directions: χ² 19 of 130, errors over those without: longitude 0.98, wind 0.99" in words
+    assert "Arrival times: χ² 18.8 for 130 values; without them there is no track." in words
+    assert "the error of the longitude is 0.98 and that of the wind 0.99 times what it is without" in words
     assert words.count("contradict") == 1
 
 

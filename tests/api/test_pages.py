@@ -58,7 +58,7 @@ def test_burst_page_shows_both_fits_and_that_the_edge_decides(client: TestClient
     text = page(client, f"/bursts/{BURST_ID}")
     assert "30.0 ± 0.8" in text
     assert "14.0 ± 0.8" in text
-    table = text[text.index('class="fits"') : text.index('id="track-title"')]
+    table = text[text.index('class="fits"') : text.index('id="download-title"')]
     assert table.count("24.47") == table.count("25.38") == 2
     assert "decides the track" in text
     assert "apparent source: not corrected for scattering" in text
@@ -67,7 +67,7 @@ def test_burst_page_shows_both_fits_and_that_the_edge_decides(client: TestClient
 
 def test_track_section_has_a_column_per_method_and_says_why_they_differ(client: TestClient) -> None:
     text = page(client, f"/bursts/{BURST_ID}")
-    section = text[text.index('id="track-title"') : text.index('id="download-title"')]
+    section = text[text.index('id="track-title"') : text.index('id="fit-title"')]
     assert (
         re.findall(r'<th scope="col" class="value">([^<]+)</th>', section)
         == ["Joint", "Two-step", "Piecewise", "SEMP"] * 2
@@ -85,6 +85,16 @@ def test_track_section_has_a_column_per_method_and_says_why_they_differ(client: 
     ):
         assert words in section, words
     assert "<img" not in section, "a run that was killed before it drew has no figures"
+
+
+def test_track_section_begins_with_where_and_how_sure_and_shows_one_edge_unfolded(client: TestClient) -> None:
+    text = page(client, f"/bursts/{BURST_ID}")
+    section = text[text.index('id="track-title"') : text.index('id="fit-title"')]
+    for words in ("at 29.0 ± 4.4° (95 %: 20 to 38°), in a wind of 440 ± 80 km/s", "86 ± 9 R☉ from the Sun at 0.17 MHz"):
+        assert words in section[: section.index("<details")], words
+    assert section.count('<details class="edge" open>') == 1
+    assert section.count('<details class="edge">') == 1
+    assert "joint fit 13.0 ± 4.4°, 2090 ± 380 km/s" in section
 
 
 def test_track_section_holds_apparent_and_corrected_sources(client: TestClient) -> None:

@@ -211,6 +211,7 @@ def test_track_section_shows_both_figures_of_each_edge(watch: Watch, burst_path:
     page = watch.open(burst_path)
     pictures = page.locator(".drawn img")
     assert pictures.count() == 4
+    page.locator("details.edge:not([open]) > summary").click()
     for picture in pictures.all():
         picture.scroll_into_view_if_needed()
         page.wait_for_function("image => image.complete && image.naturalWidth > 500", arg=picture.element_handle())

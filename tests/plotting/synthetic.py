@@ -205,7 +205,10 @@ def synthetic_scattering() -> dict:
     spiral = {"phi0_deg": {"mean": 29.1, "sd": 4.4}, "v_sw_km_s": {"mean": 188.0, "sd": 31.0}}
     return {
         "density_excess": {
-            "rows": [{"frequency_mhz": 0.167, "harmonic": excess}, {"frequency_mhz": 25.0}],
+            "rows": [
+                {"frequency_mhz": 0.167, "range_rsun": 86.0, "range_sd_rsun": 9.0, "harmonic": excess},
+                {"frequency_mhz": 25.0, "range_rsun": 1.5, "range_sd_rsun": None},
+            ],
             "flags": [],
         },
         "scattering": {
