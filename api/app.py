@@ -8,7 +8,7 @@ from pathlib import Path
 from fastapi import FastAPI
 from fastapi.staticfiles import StaticFiles
 
-from api.errors import install_error_handlers
+from api.errors import DESCRIBED, install_error_handlers
 from api.headers import install_headers
 from api.routers import arrivals, bursts, days, detections, figures, health, pages, solutions
 from api.service import Service
@@ -38,6 +38,7 @@ def create_app(settings: Settings | None = None) -> FastAPI:
         openapi_url="/api/v1/openapi.json",
         docs_url=None,  # both viewers load their scripts from elsewhere
         redoc_url=None,
+        responses=DESCRIBED,
     )
     if settings is None:
         log_to(None)

@@ -25,6 +25,27 @@ from bella.exceptions import (
 )
 
 PROBLEM = "application/problem+json"
+DESCRIBED: dict[int | str, dict[str, Any]] = {
+    status: {
+        "description": words,
+        "content": {
+            PROBLEM: {
+                "schema": {
+                    "type": "object",
+                    "required": ["type", "title", "status", "detail", "instance"],
+                    "properties": {name: {"type": "string"} for name in ("type", "title", "detail", "instance")}
+                    | {"status": {"type": "integer"}},
+                }
+            }
+        },
+    }
+    for status, words in {
+        "4XX": "The request is wrong, or what it asks for does not exist: `detail` says what to do.",
+        "5XX": "It cannot be answered now; with `Retry-After` where trying again helps.",
+    }.items()
+}
+"""What every route may answer instead, for the description of the API."""
+
 RETRY_AFTER_S = 60
 
 log = structlog.get_logger(__name__)

@@ -34,7 +34,7 @@ def model_words(companions: Fit) -> str:
         for row in named
     )
     return (
-        f"Probability by the arrival times alone, longitude and wind: {each}. Averaged over all of them, the longitude is "
+        f"Probability by the arrival times alone, longitude and wind: {each}. Averaged over all, the longitude is "
         f"{written_error(found['phi0_deg'], 1)}°."
     )
 

@@ -32,7 +32,7 @@ def summary_words(edge: str, track: Fit) -> str:
     beside = track.get("companions", {})
     way = _way(beside.get("density_excess", {}))
     said = [
-        f"Timed by its {edge}, {way}its field line starts at the Sun at {_place(joint)}; positive is west of the Earth.",
+        f"Timed by its {edge}, {way}its field line starts at the Sun at {_place(joint)}; positive: west of Earth.",
         _measured(beside.get("fused", {})),
         *(_doubts(joint) or [RESTS_ON]),
     ]

@@ -128,8 +128,8 @@ def footpoint_words(foot: Fit) -> str:
     places = "; ".join(f"{name.capitalize()} {_interval(foot[name])}" for name in ("stonyhurst", "carrington"))
     each = [f"{one['observatory']} {_connection(one)}" for one in foot["connections"]]
     return (
-        f"{places}. The spacecraft were connected to places so far west of it (negative: east), by the wind at each, in "
-        f"brackets by 600 to 300 km/s: {', '.join(each)}.{_regions(foot.get('regions', {}))}"
+        f"{places}. The spacecraft were connected to places so far west of it (negative: east), by the wind at each "
+        f"and in brackets by 600 to 300 km/s: {', '.join(each)}.{_regions(foot.get('regions', {}))}"
     )
 
 

@@ -80,7 +80,7 @@ def main() -> None:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
 
 
-@app.command(epilog="Example: bella run --event 2012-06-07 --preset bella-2024")
+@app.command(epilog="Example: bella run --from 2020-07-21 --to 2020-07-22 --archive mirror")
 def run(  # noqa: PLR0913, PLR0917 - one argument per option
     event: Annotated[str, typer.Option(help="Built-in event, by its date.")] = "2012-06-07",
     first: Annotated[str | None, typer.Option("--from", help="First day of the archive to process, UTC.")] = None,
@@ -100,10 +100,11 @@ def run(  # noqa: PLR0913, PLR0917 - one argument per option
     if first is None and (last or archive) is not None:
         raise InputError("days of the archive need a first one: give --from 2020-07-21")
     if first is not None:
+        asked = day_range(first, last or first)
         with _pipeline(settings, preset or "default", "posterior"):
             from flows.process_days import process_days, summary_rows
 
-            days = list(summary_rows(process_days(*day_range(first, last or first), archive, preset or "default")))
+            days = list(summary_rows(process_days(*asked, archive, preset or "default")))
         out.print_json(json.dumps(days)) if as_json else out.print(days_table(days))
         return
     from flows.inputs import check_subject
@@ -193,7 +194,7 @@ def localise(  # noqa: PLR0913, PLR0917 - one argument per option
 def serve(
     home: Home = None,
     host: Annotated[str, typer.Option(help="Address to listen on.")] = "127.0.0.1",
-    port: Annotated[int, typer.Option(help="Port to listen on.")] = 8000,
+    port: Annotated[int, typer.Option(min=1, max=65535, help="Port to listen on.")] = 8000,
 ) -> None:
     """Serve the catalogue: REST API and pages."""
     import uvicorn
@@ -231,7 +232,11 @@ def status(home: Home = None, as_json: AsJson = False) -> None:
 
 
 @catalogue_app.command("list", epilog="Example: bella catalogue list --json")
-def list_bursts(home: Home = None, limit: int = 50, as_json: AsJson = False) -> None:
+def list_bursts(
+    home: Home = None,
+    limit: Annotated[int, typer.Option(help="So many bursts at most, 1 to 1000.")] = 50,
+    as_json: AsJson = False,
+) -> None:
     """List the bursts, earliest first."""
     from bella.catalogue import BurstQuery
 
@@ -252,7 +257,10 @@ def list_bursts(home: Home = None, limit: int = 50, as_json: AsJson = False) -> 
 
 
 @catalogue_app.command("show", epilog="Example: bella catalogue show T3-20120607-1929")
-def show_burst(burst_id: str, home: Home = None) -> None:
+def show_burst(
+    burst_id: Annotated[str, typer.Argument(help="Such as T3-20120607-1929; bella catalogue list names them.")],
+    home: Home = None,
+) -> None:
     """Print track and fits of a burst."""
     with closing(_catalogue(_settings(home))) as catalogue:
         solutions = catalogue.burst(burst_id).solutions
@@ -276,11 +284,11 @@ app.command(epilog=SIMULATE_EPILOG)(simulate)
 
 def _settings(home: Path | None) -> "Settings":
     """Settings of the environment; `home` wins, and is handed on to what reads the environment later."""
-    from bella.settings import Settings
+    from bella.settings import read_settings
 
     if home is not None:
         os.environ["BELLA_HOME"] = str(home.resolve())
-    return Settings()
+    return read_settings()
 
 
 def _catalogue(settings: "Settings", *, create: bool = False) -> "Catalogue":
@@ -360,8 +368,8 @@ def _fit_table(fits: list[tuple[str, dict[str, Any]]]) -> Table:
             table.add_row(edge, "two-step", *_fit_row(line))
     table.add_row("the paper", "two-step", "24.47", "+30 ± 2°", "400 ± 20", "")
     table.caption = (
-        "joint: to the arrival times; fused: and to the measured wind and wave directions. two-step: through the\n"
-        "positions, formal errors. days: rotation period assumed. "
+        "joint: to the arrival times. fused: also to measured wind, wave directions.\n"
+        "two-step: through the positions, formal errors. days: rotation assumed.\n"
         f"All: {APPARENT_SOURCE}"
     )
     return table

@@ -6,8 +6,10 @@ Read by the command line, the flows, the API and the migrations only; the scienc
 from datetime import date
 from pathlib import Path
 
-from pydantic import Field, NonNegativeInt, PositiveFloat, PositiveInt, field_validator
+from pydantic import Field, NonNegativeInt, PositiveFloat, PositiveInt, ValidationError, field_validator
 from pydantic_settings import BaseSettings, SettingsConfigDict
+
+from bella.exceptions import InputError
 
 FIT_FIGURES = ("polar-fit", "density")
 """Names of the figures that every solution has of its track."""
@@ -123,3 +125,23 @@ class Settings(BaseSettings):
     def ephemeris_extension(self) -> Path:
         """Table of positions after the end of the packaged one; `bella update-ephemeris` writes it."""
         return self.home / "ephemeris.nc"
+
+
+def read_settings() -> Settings:
+    """Settings of the environment.
+
+    Returns
+    -------
+    Settings
+
+    Raises
+    ------
+    InputError
+        If a variable does not hold what it should; the message names it.
+    """
+    try:
+        return Settings()
+    except ValidationError as error:
+        fault = error.errors()[0]
+        name = "_".join(["BELLA", *map(str, fault["loc"])]).upper()
+        raise InputError(f"{name} is {fault['input']!r}: {fault['msg']}; correct or unset it") from error

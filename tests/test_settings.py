@@ -5,7 +5,8 @@ from pathlib import Path
 import pytest
 from pydantic import ValidationError
 
-from bella.settings import Settings
+from bella.exceptions import InputError
+from bella.settings import Settings, read_settings
 
 FIELDS = list(Settings.model_fields)
 
@@ -66,3 +67,10 @@ def test_senseless_values_are_refused(name, value) -> None:
 def test_foreign_variables_do_no_harm(monkeypatch) -> None:
     monkeypatch.setenv("BELLA_REFERENCE_FILES", "/nowhere")
     assert Settings().draws > 0
+
+
+@pytest.mark.parametrize(("name", "value"), [("BELLA_DRAWS", "abc"), ("BELLA_RECENT_DAYS", "-1")])
+def test_a_wrong_variable_is_named_in_one_line(monkeypatch, name: str, value: str) -> None:
+    monkeypatch.setenv(name, value)
+    with pytest.raises(InputError, match=f"^{name} is '{value}': .*; correct or unset it$"):
+        read_settings()

@@ -110,7 +110,7 @@ def burst_page(request: Request, burst_id: str, service: ServiceHere, catalogue:
         wind=wind_table(track for _, track in tracks),
         summary=_summary(tracks),
         edges_apart=edge_remark({edge_name(s.series.edge): track for s, track in tracks}),
-        flags=sorted({flag for solution in solutions for flag in solution.flags} - SAID_ELSEWHERE),
+        flags=_flags(solutions),
         contraction=_contraction(catalogue, solutions),
         not_constrained=NOT_CONSTRAINED,
         channels=sorted(channels),
@@ -159,6 +159,13 @@ def _sections(tracks: list[Track], settings: Settings) -> list[TrackSection]:
         track_section(SolutionReply.of(solution), track, _drawn(solution, settings)) for solution, track in tracks
     ]
     return [section for section in sections if section]
+
+
+def _flags(solutions: list[Solution]) -> list[tuple[str, str]]:
+    """Flags of the tracks shown, each with the edges it holds for where it does not hold for all."""
+    raised = sorted({flag for solution in solutions for flag in solution.flags} - SAID_ELSEWHERE)
+    edges = {flag: [edge_name(one.series.edge) for one in solutions if flag in one.flags] for flag in raised}
+    return [(flag, ", ".join(on) if len(on) < len(solutions) else "") for flag, on in edges.items()]
 
 
 def _summary(tracks: list[Track]) -> str:

@@ -76,8 +76,11 @@ def _claim(root: Path) -> None:
         raise InputError(f"{root} is a file; name a folder")
     if root.is_dir() and any(root.iterdir()) and not (root / MARK).exists():
         raise InputError(f"{root} is not empty and was not simulated; name a new folder, so that no real file is lost")
-    root.mkdir(parents=True, exist_ok=True)
-    (root / MARK).touch()
+    try:
+        root.mkdir(parents=True, exist_ok=True)
+        (root / MARK).touch()
+    except OSError as error:
+        raise InputError(f"{root} cannot be written ({error.strerror}); name another folder") from error
 
 
 def _simulate(root: Path, day: date, seed: int, datasets: Sequence[str]) -> dict[str, Any]:

@@ -207,7 +207,7 @@ def _ecliptic_km(observatory: str, utc: Instants) -> FloatArray:
         moment, first, last = (np.datetime_as_string(t, unit="s") for t in (utc[outside][0], start, stop))
         raise NoDataError(
             f"the ephemeris has {observatory} from {first}Z to {last}Z, not at {moment}Z: "
-            "give its HEE position in columns x_rsun, y_rsun, z_rsun"
+            "ask for later ones with bella update-ephemeris, or give its HEE position in columns x_rsun, y_rsun, z_rsun"
         )
     scale = WIND_FRACTION_OF_EARTH if observatory == "WIND" else 1.0
     return scale * _spline_km(_body(observatory), utc)

@@ -1,15 +1,20 @@
 """What the pages say without a browser's help."""
 
 import re
+from contextlib import closing
+from pathlib import Path
 
 import pytest
 from fastapi.testclient import TestClient
 
 from api.app import create_app
 from api.track_section import DASH
+from bella.catalogue import Catalogue
 from bella.settings import Settings
+from tests.api.published import published, settings_of
 from tests.plotting.synthetic import BURST_ID
 
+API_PAGE = Path(__file__).parents[2] / "docs" / "api.md"
 HTML = {"Accept": "text/html"}
 
 
@@ -186,3 +191,38 @@ def test_api_description_names_every_route_and_parameter(client: TestClient) -> 
             assert operation.get("description") or operation.get("summary"), (path, method)
             for parameter in operation.get("parameters", []):
                 assert parameter["in"] != "query" or parameter.get("description"), (path, parameter["name"])
+
+
+def test_api_description_says_of_what_kind_errors_are(client: TestClient) -> None:
+    described = client.get("/api/v1/openapi.json").json()["paths"]
+    reply = client.get("/api/v1/bursts/NOPE")
+    for methods in described.values():
+        for operation in methods.values():
+            (kind,) = operation["responses"]["4XX"]["content"]
+            assert reply.headers["content-type"] == kind
+            assert "422" not in operation["responses"]
+    properties = operation["responses"]["4XX"]["content"][kind]["schema"]["properties"]
+    assert set(reply.json()) == set(properties)
+
+
+def test_a_flag_of_one_track_names_its_edge(tmp_path: Path) -> None:
+    settings = settings_of(tmp_path)
+    with closing(Catalogue.open(settings.catalogue_url, create=True)) as catalogue:
+        published(settings, catalogue, edge="gauss_hermite", flags=("several_tracks",))
+        published(settings, catalogue, edge="half_maximum", flags=("several_tracks", "not_a_spiral"))
+    with TestClient(create_app(settings)) as other:
+        text = page(other, f"/bursts/{BURST_ID}")
+    assert ">several tracks</span>" in text
+    assert ">Half-maximum edge: not a spiral</span>" in text
+
+
+def test_every_companion_of_a_track_is_described(client: TestClient) -> None:
+    schemas = client.get("/api/v1/openapi.json").json()["components"]["schemas"]
+    described = schemas["TrackFitReply"]["properties"]["companions"]["description"]
+    rows = dict(re.findall(r"^\| `(\w+)` \| (.+) \|$", API_PAGE.read_text(), re.MULTILINE))
+    track = client.get(f"/api/v1/bursts/{BURST_ID}/track").json()["track_fit"]
+    assert {"semp", "footpoint", "scattering"} <= set(track["companions"])
+    for name, companion in track["companions"].items():
+        assert f"`{name}`" in described, name
+        unsaid = [field for field in companion if f"`{field}`" not in rows[name]]
+        assert set(unsaid) <= {"model", "flags", "reason"}, (name, unsaid)

@@ -183,6 +183,12 @@ def test_a_folder_with_anything_else_in_it_is_left_alone(tmp_path: Path) -> None
     assert [entry.name for entry in tmp_path.iterdir()] == ["precious.cdf"]
 
 
+def test_a_folder_that_cannot_be_written_is_one_line(tmp_path: Path) -> None:
+    (tmp_path / "file").write_bytes(b"")
+    with pytest.raises(InputError, match=r"file/archive cannot be written \(Not a directory\); name another folder"):
+        simulate_days(tmp_path / "file" / "archive", [LATE], 1)
+
+
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
