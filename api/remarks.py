@@ -5,6 +5,7 @@ from collections.abc import Mapping, Sequence
 from itertools import combinations
 from typing import Any
 
+from api.rendering import written_error
 from api.wording import flag_meaning
 
 Fit = Mapping[str, Any]
@@ -179,4 +180,4 @@ def _sd(fit: Fit, name: str) -> float | None:
 
 
 def _plain(fit: Fit, name: str, digits: int = 1) -> str:
-    return f"{fit[name]['mean']:.{digits}f} ± {fit[name]['sd']:.{digits}f}"
+    return written_error(fit[name], digits)

@@ -31,8 +31,9 @@ def summary_words(edge: str, track: Fit) -> str:
         return ""
     beside = track.get("companions", {})
     way = _way(beside.get("density_excess", {}))
+    named = edge if edge.startswith("Gauss") else edge[0].lower() + edge[1:]
     said = [
-        f"Timed by its {edge}, {way}its field line starts at the Sun at {_place(joint)}; positive: west of Earth.",
+        f"Timed by its {named}, {way}its field line starts at the Sun at {_place(joint)}; positive: west of Earth.",
         _measured(beside.get("fused", {})),
         *(_doubts(joint) or [RESTS_ON]),
     ]
@@ -46,8 +47,7 @@ def _doubts(joint: Fit) -> list[str]:
 
 def _way(excess: Fit) -> str:
     """Distances at the highest and the lowest frequency."""
-    known = [row for row in excess.get("rows", []) if row.get("range_rsun") is not None]
-    rows = sorted(known, key=lambda row: -row["frequency_mhz"])
+    rows = sorted(filter(_has_distance, excess.get("rows", [])), key=lambda row: -row["frequency_mhz"])
     if len(rows) < 2:
         return ""
     first, last = (
@@ -56,6 +56,12 @@ def _way(excess: Fit) -> str:
         for row in (rows[0], rows[-1])
     )
     return f"the burst appears {first} and {last}; "
+
+
+def _has_distance(row: Fit) -> bool:
+    """Whether a source is farther from the Sun than its error."""
+    distance = row.get("range_rsun")
+    return distance is not None and distance > (row["range_sd_rsun"] or 0.0)
 
 
 def _place(fit: Fit) -> str:

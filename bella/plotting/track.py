@@ -172,7 +172,7 @@ def _finish_polar(axes: Axes, longitude: FloatArray) -> None:
     axes.grid(color="0.92", lw=0.8)
     axes.set_axisbelow(True)
     if axes.get_legend_handles_labels()[0]:
-        axes.legend(fontsize=8, frameon=False, loc="upper right")
+        axes.legend(fontsize=8, framealpha=0.85, edgecolor="none", loc="upper right")
 
 
 def _frequency_bar(figure: Figure, axes: Axes, norm: LogNorm) -> None:
