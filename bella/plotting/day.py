@@ -9,10 +9,11 @@ import pandas as pd
 import xarray as xr
 from matplotlib.axes import Axes
 from matplotlib.collections import QuadMesh
+from matplotlib.colorbar import Colorbar
 from matplotlib.colors import LinearSegmentedColormap, PowerNorm
 from matplotlib.dates import AutoDateLocator, ConciseDateFormatter
 from matplotlib.figure import Figure
-from matplotlib.ticker import FixedLocator, FuncFormatter, NullFormatter
+from matplotlib.ticker import FixedLocator, FuncFormatter, MaxNLocator, NullFormatter
 
 from bella.plotting.boxes import draw_boxes, explain_boxes, part_labels, shown_detections
 from bella.plotting.palette import BRIGHTNESS_SCALE, FREQUENCY_TICKS_MHZ
@@ -66,7 +67,7 @@ def _day_figure(spectrum: xr.Dataset, detections: pd.DataFrame | None) -> Figure
     figure = Figure(figsize=(10.0, 4.2), layout="constrained")
     axes = figure.add_subplot(facecolor=NO_DATA)
     mesh = draw_intensity(axes, over, BRIGHTNESS_SCALE)
-    figure.colorbar(mesh, ax=axes, pad=0.01, aspect=28, extend="max", label="dB over background")
+    intensity_bar(figure, axes, mesh, aspect=28).set_label("dB over background")
     time_axis(axes)
     axes.set_xlabel("UTC")
     height = 0.0 if detections is None else _outline(figure, axes, shown_detections(detections, over))
@@ -114,6 +115,29 @@ def draw_intensity(axes: Axes, over: xr.Dataset, scale: Sequence[tuple[float, st
     )
     frequency_axis(axes, (float(frequency_edges[0]), float(frequency_edges[-1])))
     return mesh
+
+
+def intensity_bar(figure: Figure, axes: Axes, mesh: QuadMesh, aspect: float) -> Colorbar:
+    """Colour bar of a spectrum beside its axes.
+
+    Parameters
+    ----------
+    figure : matplotlib.figure.Figure
+    axes : matplotlib.axes.Axes
+    mesh : matplotlib.collections.QuadMesh
+        As :func:`draw_intensity` returns it.
+    aspect : float
+        Length over width.
+
+    Returns
+    -------
+    matplotlib.colorbar.Colorbar
+        Without a label.
+    """
+    _, highest = mesh.get_clim()
+    # a scale that clips would write what is above its end upon that end
+    ticks = [float(tick) for tick in MaxNLocator(5).tick_values(0.0, highest) if 0.0 <= tick <= highest]
+    return figure.colorbar(mesh, ax=axes, pad=0.01, aspect=aspect, extend="max", ticks=ticks)
 
 
 def frequency_axis(axes: Axes, band: tuple[float, float]) -> None:

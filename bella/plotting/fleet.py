@@ -17,6 +17,7 @@ from bella.plotting.day import (
     POINTS_PER_INCH,
     TITLE_LIFT_POINTS,
     draw_intensity,
+    intensity_bar,
     thinned,
     time_axis,
     write_title,
@@ -87,8 +88,7 @@ def _over(spectrum: xr.Dataset) -> xr.Dataset:
 def _draw_spectrum(figure: Figure, axes: Axes, over: xr.Dataset) -> None:
     axes.set_facecolor(NO_DATA)
     mesh = draw_intensity(axes, over, BRIGHTNESS_SCALE)
-    bar = figure.colorbar(mesh, ax=axes, pad=0.01, aspect=14, extend="max")
-    bar.set_label("dB over background", fontsize=8)
+    intensity_bar(figure, axes, mesh, aspect=14).set_label("dB over background", fontsize=8)
     time_axis(axes)
     low, high = axes.get_ylim()
     axes.set_ylim(max(low, min(LOWEST_MHZ, 0.5 * high)), high)

@@ -6,10 +6,13 @@ import matplotlib.image
 import numpy as np
 import pytest
 import xarray as xr
+from matplotlib.figure import Figure
 
 from bella.exceptions import InputError
 from bella.plotting import write_spectrum_png
-from bella.plotting.day import _cells, _channel_limits, _record_limits
+from bella.plotting.day import _cells, _channel_limits, _record_limits, draw_intensity, intensity_bar
+from bella.plotting.palette import BRIGHTNESS_SCALE
+from bella.spectra import over_background
 from tests.spectra.real_day import stereo, wind
 
 GREY = np.array([0xAA, 0xB3, 0xBB]) / 255.0
@@ -97,3 +100,15 @@ def test_real_days_are_drawn(reference_files: Path, tmp_path: Path) -> None:
     for name, spectrum in (("b", stereo(reference_files, "behind")), ("rad1", wind(reference_files, "RAD1"))):
         write_spectrum_png(tmp_path / f"{name}.png", spectrum)
         assert share(tmp_path / f"{name}.png", lambda picture: picture[..., 0] - picture[..., 2] > 0.1) > 0.005
+
+
+def test_the_colour_bar_names_no_level_above_its_end() -> None:
+    figure = Figure()
+    axes = figure.add_subplot()
+    mesh = draw_intensity(axes, over_background(day()), BRIGHTNESS_SCALE)
+    for highest in (8.3, 12.4, 3.0):
+        mesh.set_clim(0.0, highest)
+        ticks = intensity_bar(figure, axes, mesh, aspect=14.0).get_ticks()
+        assert ticks[0] == 0.0
+        assert ticks[-1] <= highest
+        assert len(ticks) > 2
