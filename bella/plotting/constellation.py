@@ -14,6 +14,7 @@ from bella.plotting.geometry import (
     PolarTrack,
     TrackView,
     fitted_spiral,
+    name_places,
     nearest_index,
     polar_track,
     receiver_positions,
@@ -153,7 +154,7 @@ def _spacecraft_trace(tracks: Sequence[TrackView]) -> dict[str, Any]:
         "name": "Spacecraft",
         **_xy(where),
         "text": list(positions),
-        "textposition": [_name_place(x, y) for x, y, _ in where],
+        "textposition": name_places(where),
         "textfont": {"size": 12.5},
         "customdata": [list(row) for row in zip(listed(distance, 3), listed(longitude, 1), strict=True)],
         "hovertemplate": "<b>%{text}</b><br>%{customdata[0]} au, HEE longitude %{customdata[1]}°<extra></extra>",
@@ -162,13 +163,6 @@ def _spacecraft_trace(tracks: Sequence[TrackView]) -> dict[str, Any]:
         "cliponaxis": False,
         "meta": {"role": "spacecraft"},
     }
-
-
-def _name_place(x: float, y: float) -> str:
-    """Where a name stands: outside the ring, except at the Earth, where the axis runs."""
-    if abs(y) < 0.25 * abs(x):
-        return "top left" if x > 0 else "top right"
-    return "top center" if y > 0 else "bottom center"
 
 
 def _member(track: TrackView, role: str, **more: Any) -> dict[str, Any]:

@@ -13,6 +13,8 @@ from bella.heliosphere import spiral_longitude_deg
 from bella.units import FloatArray
 
 SPIRAL_POINTS = 160
+NEAR_NAME_RSUN = 40.0
+"""Spacecraft nearer than this to each other would have one name upon the other."""
 
 
 @dataclass(frozen=True)
@@ -172,3 +174,33 @@ def speed_remark(contraction: float) -> str:
     if contraction > NOT_CONSTRAINED:
         return f"speed not constrained (contraction {contraction:.2f})"
     return f"speed constrained (contraction {contraction:.2f})"
+
+
+def name_places(where_rsun: FloatArray) -> list[str]:
+    """Where the names of spacecraft stand on a map, in the words of plotly.
+
+    Parameters
+    ----------
+    where_rsun : ndarray, shape (N, 3)
+        HEE, solar radii.
+
+    Returns
+    -------
+    list of str
+        Outside the ring, except at the Earth, where the axis runs; on the other side of a spacecraft where the name
+        of one that came before it is near.
+    """
+    places: list[str] = []
+    for index, (x, y, _) in enumerate(where_rsun):
+        place = _outside(x, y)
+        near = np.linalg.norm(where_rsun[:index, :2] - (x, y), axis=1) < NEAR_NAME_RSUN
+        if any(other == place for other, close in zip(places, near, strict=True) if close):
+            place = place.replace("top", "bottom") if "top" in place else place.replace("bottom", "top")
+        places.append(place)
+    return places
+
+
+def _outside(x: float, y: float) -> str:
+    if abs(y) < 0.25 * abs(x):
+        return "top left" if x > 0 else "top right"
+    return "top center" if y > 0 else "bottom center"
