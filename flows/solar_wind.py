@@ -13,7 +13,7 @@ import pandas as pd
 import xarray as xr
 
 from bella.catalogue import SourceFile
-from bella.exceptions import NoDataError
+from bella.exceptions import InputError, NoDataError
 from bella.plotting import WindScene, write_wind_map_png
 from bella.settings import Settings
 from bella.solar_wind import WindAssimilation, assimilate_wind
@@ -25,6 +25,7 @@ from bella.solar_wind.folder import (
     Regions,
     UsedFile,
     region_files,
+    region_sha256,
     regions_around,
     speeds_around,
 )
@@ -115,9 +116,9 @@ def day_digest(day: date, settings: Settings) -> str:
 
 def _sha256(path: Path) -> str:
     try:
-        return hashlib.sha256(path.read_bytes()).hexdigest()
-    except OSError as error:  # read again, and left out with its reason, when a burst asks for it
-        return f"{path.name}: {error.strerror}"
+        return region_sha256(path)
+    except (InputError, OSError) as error:  # read again, and left out with its reason, when a burst asks for it
+        return f"{path.name}: {error}"
 
 
 def footpoint_of(fit: JointFit, observatories: Iterable[str], around: Surroundings) -> dict[str, Any]:

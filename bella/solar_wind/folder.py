@@ -7,7 +7,10 @@ or ``stereoa``, ``stb`` or ``stereob``, ``psp``, ``solo``; dashes and underscore
 """
 
 import hashlib
+import os
 import re
+import stat
+from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
@@ -40,7 +43,9 @@ OLDEST_REGIONS = np.timedelta64(48, "h")
 """Regions of a time further away than this are not turned to that of a burst: they may be gone."""
 
 NEAREST_HOUR = pd.Timedelta(hours=6)
-FILES_KEPT = 64
+FILES_KEPT = 256
+LARGEST_LIST, LARGEST_REGIONS = 256 << 20, 1 << 20
+"""Bytes: OMNI 2 of all years has 180 MB, and a summary of regions a few kB."""
 
 
 @dataclass(frozen=True)
@@ -145,7 +150,8 @@ def speeds_around(folder: Path | None, utc: np.datetime64, half: np.timedelta64 
     left_out = []
     for path, observatory in _speed_files(folder):
         try:
-            series = _within(_hourly(path, path.stat().st_mtime_ns, path.stat().st_size), utc, half)
+            seen = _sized(path, LARGEST_LIST)
+            series = _within(_hourly(path, seen.st_mtime_ns, seen.st_size), utc, half)
             series = _placed(series, observatory)
         except (InputError, NoDataError, OSError) as error:
             left_out.append(_why(path, error))
@@ -165,12 +171,36 @@ def _why(path: Path, error: Exception) -> str:
 
 def _speed_files(folder: Path) -> list[tuple[Path, str]]:
     found = []
-    for path in sorted(folder.rglob("*")) if folder.is_dir() else ():
+    for path in _files_below(folder):
         plain = re.sub(r"[-_]", "", path.name.lower())
         names = [name for beginning, name in BEGINNINGS.items() if plain.startswith(beginning)]
-        if names and path.suffix.lower() in ENDINGS and path.is_file():
+        if names:
             found.append((path, names[0]))
-    return found
+    return sorted(found)
+
+
+def _files_below(folder: Path) -> Iterator[Path]:
+    """Files, in any order, whose name may be one of those that are read: of folders of many others little is made."""
+    for below, _, names in os.walk(folder):
+        yield from (Path(below, name) for name in names if name.lower().endswith((*ENDINGS, ".csv")))
+
+
+def _sized(path: Path, largest: int) -> os.stat_result:
+    """What is known of a file that can be read at once.
+
+    Raises
+    ------
+    InputError
+        If it is no plain file, which may never end, or larger than any of its kind.
+    OSError
+        If it cannot be looked at.
+    """
+    seen = path.stat()
+    if not stat.S_ISREG(seen.st_mode):
+        raise InputError(f"{path.name} is not a file: give one in its place")
+    if seen.st_size > largest:
+        raise InputError(f"{path.name} has {seen.st_size} bytes, too many for what its name says it holds")
+    return seen
 
 
 @lru_cache(FILES_KEPT)
@@ -239,8 +269,9 @@ def regions_around(folder: Path | None, utc: np.datetime64, within: np.timedelta
     for kind, files in region_files(folder, utc, within).items():
         for path, time in files:
             try:
+                sha256 = region_sha256(path)
                 found = read_active_regions(path) if kind == "solar_region_summary" else read_coronal_holes(path, time)
-                used.append(UsedFile(kind, path.name, hashlib.sha256(path.read_bytes()).hexdigest()))
+                used.append(UsedFile(kind, path.name, sha256))
             except (InputError, OSError) as error:
                 left_out.append(_why(path, error))
                 continue
@@ -267,12 +298,35 @@ def region_files(
     """
     kinds = {"solar_region_summary": SUMMARY_NAME, "coronal_holes": HOLES_NAME}
     found: dict[str, list[tuple[Path, np.datetime64]]] = {kind: [] for kind in kinds}
-    for path in sorted(folder.rglob("*")) if folder.is_dir() else ():
+    for path in _files_below(folder):
         for kind, name in kinds.items():
             time = _named_time(name.fullmatch(path.name))
             if time is not None and abs(time - utc) <= within:
                 found[kind].append((path, time))
-    return {kind: sorted(files, key=lambda file: abs(file[1] - utc)) for kind, files in found.items()}
+    return {kind: sorted(files, key=lambda file: (abs(file[1] - utc), file[0])) for kind, files in found.items()}
+
+
+def region_sha256(path: Path) -> str:
+    """Checksum of a file of regions.
+
+    Parameters
+    ----------
+    path : Path
+
+    Returns
+    -------
+    str
+        Hexadecimal SHA-256.
+
+    Raises
+    ------
+    InputError
+        If it is no plain file, or too large to be one of regions.
+    OSError
+        If it cannot be read.
+    """
+    _sized(path, LARGEST_REGIONS)
+    return hashlib.sha256(path.read_bytes()).hexdigest()
 
 
 def _named_time(match: "re.Match[str] | None") -> np.datetime64 | None:

@@ -1,5 +1,6 @@
 """Wind and Sun around a burst in a run: what the folders hold reaches its solution; new files make a new version."""
 
+import os
 from contextlib import closing
 from dataclasses import replace
 from datetime import UTC, date, datetime
@@ -19,7 +20,7 @@ from bella.settings import Settings
 from flows.days import DayFiles, with_surroundings
 from flows.inputs import load_burst
 from flows.publication import Draft, inputs_hash, publish
-from flows.solar_wind import draw_wind, has_wind, surroundings_of
+from flows.solar_wind import day_digest, draw_wind, has_wind, surroundings_of
 from flows.tracks import Timing, fitted_track
 from tests.commands import BELLA, Sandbox
 from tests.solar_wind.in_situ import lists_of
@@ -152,3 +153,10 @@ def test_run_of_the_published_burst_with_its_wind(sandbox: Sandbox, tmp_path: Pa
     assert rmse == pytest.approx({"WIND": 34, "STEREO-A": 111, "STEREO-B": 96}, abs=3)
     assert Settings(home=sandbox.home).fit_figure(EVENT.burst_id, solution.solution_id, "wind").is_file()
     assert "set BELLA_REGIONS" in track["companions"]["footpoint"]["regions"]["reason"]
+
+
+def test_a_day_has_a_checksum_whatever_is_in_its_folders(settings: Settings) -> None:
+    day = date(2012, 6, 7)
+    before = day_digest(day, settings)
+    os.mkfifo(settings.home.parent / "regions" / "20120607SRS.txt")
+    assert len({before, day_digest(day, settings), ""}) == 3

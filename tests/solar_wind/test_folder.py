@@ -1,5 +1,6 @@
 """Folders of published files: which are used, what they hold, and what is said where there is none."""
 
+import os
 from pathlib import Path
 
 import numpy as np
@@ -128,6 +129,27 @@ def test_a_damaged_summary_gives_way_to_the_next(tmp_path: Path) -> None:
     assert [file.name for file in found.used] == ["20120607SRS.txt"]
     assert found.left_out[0].startswith("left out: 20120608SRS.txt is not a Solar Region Summary")
     assert {region.utc for region in found.regions} == {np.datetime64("2012-06-07", "ns")}
+
+
+def test_what_is_no_file_or_too_large_is_left_out_and_not_read(tmp_path: Path) -> None:
+    os.mkfifo(tmp_path / "20120608SRS.txt")
+    os.mkfifo(tmp_path / "omni.lst")
+    for name in ("coronal-holes-20120607T1200.csv", "sta.lst"):
+        with (tmp_path / name).open("wb") as file:
+            file.truncate(10 << 30)  # a hole, which takes no place on the disk
+    (tmp_path / "20120607SRS.txt").write_text(SUMMARY.replace("2012 Jun 08", "2012 Jun 07"))
+    hours(tmp_path / "stb.lst", 400.0)
+
+    regions, speeds = regions_around(tmp_path, BURST), speeds_around(tmp_path, BURST)
+
+    assert [file.name for file in regions.used] == ["20120607SRS.txt"]
+    assert list(speeds.speeds) == ["STEREO-B"]
+    for (pipe, large), names in (
+        (regions.left_out, ("20120608SRS.txt", "coronal-holes-20120607T1200.csv")),
+        (speeds.left_out, ("omni.lst", "sta.lst")),
+    ):
+        assert pipe.startswith(f"left out: {names[0]} is not a file")
+        assert large.startswith(f"left out: {names[1]} has 10737418240 bytes, too many")
 
 
 @pytest.mark.parametrize(
