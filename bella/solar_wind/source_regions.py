@@ -161,7 +161,8 @@ def read_coronal_holes(path: Path, utc: np.datetime64) -> list[SourceRegion]:
 
 
 def _hole(row: "pd.Series[float]", utc: np.datetime64) -> SourceRegion:
-    width = float(row["lon_max_deg"] - row["lon_min_deg"]) % 360.0
+    width = float(row["lon_max_deg"] - row["lon_min_deg"])
+    width = width if width == 360.0 else width % 360.0  # a hole at a pole goes all the way round
     middle = float(row["lon_min_deg"]) + 0.5 * width
     return SourceRegion(
         name=str(row["hole_id"]),

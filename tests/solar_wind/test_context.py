@@ -130,6 +130,15 @@ def test_coronal_holes_are_matched_by_their_edges(tmp_path: Path) -> None:
     assert across["name"][0] == "CH2"
 
 
+def test_a_hole_around_a_pole_is_at_every_longitude(tmp_path: Path) -> None:
+    path = tmp_path / "holes.csv"
+    path.write_text(f"{HOLES.splitlines()[1]}\nN,-180,180,60,90,+,SDO/AIA\n")
+    (pole,) = read_coronal_holes(path, BURST)
+    assert pole.width_deg == 360.0
+    near = regions_near(drawn(25.0, 3.0), [pole])
+    assert (near["probability"][0], near["edge_deg"][0]) == (1.0, 0.0)
+
+
 @given(phi0=st.floats(-180.0, 180.0), sd=st.floats(0.1, 40.0))
 def test_longitudes_agree_between_systems(phi0: float, sd: float) -> None:
     foot = footpoint(np.random.default_rng(2).normal(phi0, sd, 500), BURST)
