@@ -256,12 +256,13 @@ def _compared(found: WindAssimilation, winds: Sequence[SteadyWind], spiral: Trac
 
 def _field_line(found: WindAssimilation, winds: Sequence[SteadyWind], spiral: TrackSpiral) -> dict[str, Any]:
     phi0, *drawn = (longitude_at_sun_deg(one, spiral, found.rotation_period_d) for one in (found.wind, *winds))
+    away = [_turned(one - phi0) for one in drawn]
     line = line_of_track(found.wind, spiral, found.rotation_period_d)
     limits = float(np.nanmin(spiral.range_rsun)), float(np.nanmax(spiral.range_rsun))
     rms = line.rms_from_spiral_deg(spiral.phi0_deg, spiral.v_sw_km_s, limits, spiral.rotation_period_d)
     return {
         "through_rsun": round(spiral.middle_rsun(found.wind), 1),
-        "phi0_deg": {"mean": round(_turned(phi0), 2), "sd": round(float(np.std(drawn)), 2)},
+        "phi0_deg": {"mean": round(_turned(phi0), 2), "sd": round(float(np.std(away)), 2)},
         "apart_deg": round(_turned(phi0 - spiral.phi0_deg), 2),
         "rms_deg": round(rms, 2),
         "flags": [],

@@ -65,6 +65,13 @@ def test_line_of_a_wind_of_one_speed_is_the_spiral_of_that_speed(phi0_deg: float
     assert -180 <= line["phi0_deg"]["mean"] <= 180
 
 
+def test_the_error_of_a_line_behind_the_sun_is_that_of_one_before_it() -> None:
+    found, in_situ = constant(400.0)
+    # lines of the drawn winds meet the inner boundary on either side of 180 degrees
+    line = wind_companion(found, in_situ, replace(SPIRAL, phi0_deg=-170.0))["field_line"]
+    assert 1 < line["phi0_deg"]["sd"] < 5
+
+
 def test_a_slower_wind_starts_further_west() -> None:
     slow, fast = (longitude_at_sun_deg(constant(speed)[0].wind, SPIRAL, 25.38) for speed in (320.0, 500.0))
     assert slow > fast + 5
