@@ -54,7 +54,7 @@ def fit_track(  # noqa: PLR0913, PLR0917 - one argument per option
     directions: Annotated[
         Path | None, typer.Option(help="Wave directions to fit as well, CSV.", show_default="none")
     ] = None,
-    directions_floor: Annotated[float, typer.Option(help="Error all directions have beside their own, degrees.")] = 0.0,
+    directions_floor: Annotated[float, typer.Option(help="Error directions of a spacecraft share, degrees.")] = 0.0,
     wind_prior: Annotated[
         str | None,
         typer.Option(help="Wind speed along the track and its deviation, km/s, such as 390,25.", show_default="none"),

@@ -15,6 +15,7 @@ from bella.multilateration.priors import apply_sigma_rule, find_preset
 from bella.settings import Settings
 from bella.tracks import DirectionTerms, Ingredients, JointFit, JointOptions, piecewise_fit, track_fit
 from bella.tracks.companions import density_companion, semp_companion
+from bella.tracks.direction_companions import FLOOR_DEG
 from bella.tracks.model_companion import model_companion
 from bella.tracks.published import FEWEST_DRAWS, MOST_FREQUENCIES, as_fitted, joint_track, with_joint_draws
 from bella.tracks.scattering_companion import scattering_companion
@@ -24,6 +25,7 @@ from flows.solar_wind import Surroundings, footpoint_of, wind_of
 TRACK_RECIPE = {
     "most_frequencies": MOST_FREQUENCIES,
     "found_bursts": "channel edges",
+    "directions": f"turned by {FLOOR_DEG:g} deg, each spacecraft's alike",
     "companions": [
         "semp",
         "piecewise",

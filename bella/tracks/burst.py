@@ -45,7 +45,7 @@ class TrackRecipe:
     directions : pandas.DataFrame or None
         Wave directions, as :func:`bella.tracks.joint_directions.check_directions` returns them.
     floor_deg : float
-        Error that all directions have beside their own, degrees.
+        Error that all directions of a spacecraft share beside their own, degrees.
     wind : WindPrior or None
         Speed of the wind along the track as known from elsewhere.
     options : JointOptions

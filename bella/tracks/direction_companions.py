@@ -15,7 +15,7 @@ from bella.tracks.triangulation import Triangulation, triangulate
 from bella.units import FloatArray
 
 FLOOR_DEG = 3.0
-"""Error that all directions have beside their scatter: refraction, scattering and calibration, which they share."""
+"""Error that all directions of a spacecraft share beside their scatter: refraction, scattering and calibration."""
 SHOWN_FREQUENCIES = 5
 NEAR_LN_F = 0.06
 """Channels of two spacecraft this near in the logarithm of frequency are taken for one."""
@@ -79,13 +79,14 @@ def _nearest(apart: FloatArray, chosen: np.ndarray) -> int:
 
 
 def _row(frequency_mhz: float, names: np.ndarray, terms: DirectionTerms, near: np.ndarray) -> dict[str, Any]:
-    source = triangulate(terms.receiver_rsun[near], terms.towards[near], terms.sigma_deg[near])
+    source = triangulate(terms.receiver_rsun[near], terms.towards[near], terms.total_deg[near])
     return {"frequency_mhz": frequency_mhz, "observatories": [str(name) for name in names], **_place(source)}
 
 
 def _place(source: Triangulation) -> dict[str, Any]:
     """Numbers of a source, None where the geometry has none."""
-    beside = {"condition_number": source.condition_number, "flags": list(source.flags)}
+    condition = source.condition_number if np.isfinite(source.condition_number) else None
+    beside = {"condition_number": condition, "flags": list(source.flags)}
     numbers = ("range_rsun", "range_sd_rsun", "longitude_deg", "latitude_deg", "miss_rsun")
     if not np.isfinite(source.position_rsun).all():
         return dict.fromkeys(numbers) | beside

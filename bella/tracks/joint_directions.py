@@ -3,12 +3,18 @@
 The angle is taken in the plane that touches the sphere at the measured direction, as a length and two components, each
 of them Gaussian (for small errors the distribution of Fisher 1953, Proc. R. Soc. A 217, 295,
 doi:10.1098/rspa.1953.0064).
+
+Refraction, scattering and calibration turn all directions of a spacecraft alike. With that turn integrated out, the
+covariance of each component is diagonal plus a constant (as in :mod:`bella.tracks.joint_likelihood`), and residuals are
+made independent by the inverse root of it.
 """
 
 import io
 import math
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -47,13 +53,24 @@ class DirectionTerms:
     towards : ndarray, shape (K, 3)
         Unit vectors, HEE.
     sigma_deg : ndarray, shape (K,)
-        Standard deviation in each of two perpendicular directions on the sky, the floor included, degrees.
+        Standard deviation in each of two perpendicular directions on the sky, without what is shared, degrees.
+    shared_deg : float
+        Standard deviation of the turn that all directions of a spacecraft share, in the same two, degrees.
+    observatories : tuple of str
+        Spacecraft of each, in any number of directions; empty for one.
     """
 
     frequency_mhz: FloatArray
     receiver_rsun: FloatArray
     towards: FloatArray
     sigma_deg: FloatArray
+    shared_deg: float = 0.0
+    observatories: tuple[str, ...] = ()
+
+    @property
+    def total_deg(self) -> FloatArray:
+        """Error of each alone, with what is shared, degrees, shape (K,)."""
+        return np.hypot(self.sigma_deg, self.shared_deg)
 
     @property
     def sides(self) -> tuple[FloatArray, FloatArray]:
@@ -69,7 +86,33 @@ class DirectionTerms:
     @property
     def log_norm(self) -> float:
         """Logarithm of the factor before the exponential of the likelihood."""
-        return -float(np.log(2 * math.pi * np.radians(self.sigma_deg) ** 2).sum())
+        alone = float(np.log(2 * math.pi * np.radians(self.sigma_deg) ** 2).sum())
+        return -alone - float(np.log1p(self._shared[1]).sum())
+
+    @cached_property
+    def _shared(self) -> tuple[FloatArray, FloatArray]:
+        """Of each spacecraft the unit vector of 1 / sigma, (S, K), and the variance shared along it in those, (S,)."""
+        names = np.array(self.observatories or ("",) * self.frequency_mhz.size)
+        weight = (np.unique(names)[:, None] == names) / self.sigma_deg
+        length = np.linalg.norm(weight, axis=1, keepdims=True)
+        return weight / length, (self.shared_deg * length[:, 0]) ** 2
+
+    def independent(self, residual: Any) -> Any:
+        """Residuals in units of `sigma_deg` without what those of a spacecraft share: independent, of deviation 1.
+
+        Parameters
+        ----------
+        residual : ndarray or tensor, shape (..., K, 2)
+
+        Returns
+        -------
+        ndarray or tensor, shape (..., K, 2)
+        """
+        if not self.shared_deg:
+            return residual
+        unit, shared = self._shared
+        lost = (1 - 1 / np.sqrt(1 + shared))[:, None] * unit
+        return residual - lost.T @ (unit @ residual)
 
     def residual(self, model: JointModel, z: FloatArray) -> FloatArray:
         """Angles between the lines of sight and the measured directions.
@@ -82,7 +125,7 @@ class DirectionTerms:
         Returns
         -------
         ndarray, shape (N, K, 2)
-            Two perpendicular components, in units of the error.
+            Two perpendicular components, in units of the error, as `independent` has them.
         """
         parameters = model.natural(z)
         source = model.position_rsun(parameters, model.range_rsun(parameters, self.frequency_mhz))
@@ -92,7 +135,7 @@ class DirectionTerms:
         sine = np.linalg.norm(across, axis=-1)
         angle = np.arctan2(sine, np.einsum("nki,ki->nk", sight, self.towards))
         stretch = np.where(sine > SMALL_ANGLE, angle / np.maximum(sine, SMALL_ANGLE), 1.0)
-        return np.asarray(across * (stretch / np.radians(self.sigma_deg))[..., None])
+        return np.asarray(self.independent(across * (stretch / np.radians(self.sigma_deg))[..., None]))
 
 
 def _tangents(towards: FloatArray) -> FloatArray:
@@ -189,7 +232,7 @@ def direction_terms(
     epoch : numpy.datetime64
         Of the HEE axes.
     floor_deg : float
-        Error that all directions have beside their own, added in quadrature, degrees.
+        Standard deviation of the turn that all directions of a spacecraft share beside their own errors, degrees.
 
     Returns
     -------
@@ -214,7 +257,9 @@ def direction_terms(
         table["frequency_mhz"].to_numpy(dtype=np.float64),
         np.array(receiver, dtype=np.float64),
         direction(90 - table["latitude_deg"].to_numpy(), table["longitude_deg"].to_numpy()),
-        np.hypot(table["sigma_deg"].to_numpy(dtype=np.float64), floor_deg),
+        table["sigma_deg"].to_numpy(dtype=np.float64),
+        floor_deg,
+        tuple(map(str, table["observatory"])),
     )
 
 

@@ -232,7 +232,7 @@ def _slowed(pm: Any, deceleration: Any, r: Any, k: Any) -> Any:
 
 
 def _angles(pm: Any, track: _Track, terms: DirectionTerms) -> Any:
-    """Components of the angle between line of sight and direction over its error, (K, 2)."""
+    """Components of the angle between line of sight and direction over its error, independent, (K, 2)."""
     _, x, y = track.position(pm, terms.frequency_mhz)
     place, towards = terms.receiver_rsun, terms.towards
     sight = x - place[:, 0], y - place[:, 1], -place[:, 2]
@@ -241,7 +241,7 @@ def _angles(pm: Any, track: _Track, terms: DirectionTerms) -> Any:
     across = [sum(part * side[:, axis] for axis, part in enumerate(sight)) / length for side in terms.sides]
     sine = pm.math.sqrt(across[0] ** 2 + across[1] ** 2 + SMALLEST_SINE**2)
     stretch = 2 * pm.math.arctan(sine / (1 + cosine)) / sine
-    return pm.math.stack([one * stretch / np.radians(terms.sigma_deg) for one in across], axis=1)
+    return terms.independent(pm.math.stack([one * stretch / np.radians(terms.sigma_deg) for one in across], axis=1))
 
 
 def _arc(pm: Any, r: Any, k: Any) -> Any:

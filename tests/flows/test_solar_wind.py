@@ -54,7 +54,7 @@ def published(localised: tuple[pd.DataFrame, xr.Dataset], settings: Settings) ->
     arrivals, posterior = localised
     given, around = load_burst(EVENT.name, Path("nowhere")), surroundings_of(START, settings)
     sources = (*given.sources, *around.sources())
-    checksum = inputs_hash(arrivals, sources, SERIES, settings)
+    checksum = inputs_hash(Timing(arrivals), sources, SERIES, settings)
     with closing(Catalogue.open(settings.catalogue_url, create=True)) as catalogue:
         same = catalogue.find_solution(given.burst.burst_id, SERIES, checksum, "0.2.0")
         if same is not None:

@@ -1,5 +1,8 @@
 """Sources where wave directions cross, and the fit that takes them in."""
 
+import json
+from dataclasses import replace
+
 import numpy as np
 import pandas as pd
 import pytest
@@ -92,3 +95,11 @@ def test_directions_that_agree_narrow_the_joint_fit_and_those_that_do_not_are_to
     assert "ingredients_disagree" in said[40.0]["flags"]
     with pytest.raises(InputError, match="neither wave directions nor a measured wind"):
         fused_companion(Ingredients(grid, 0.0), ROTATION_D, JointOptions())
+
+
+def test_lines_that_never_cross_are_ready_for_json() -> None:
+    table, terms = directions()
+    ahead = np.tile([1.0, 0.0, 0.0], (len(table), 1))
+    rows = triangulation_companion(table, replace(terms, towards=ahead))["rows"]
+    assert all(row["flags"] == ["parallel_lines"] and row["range_rsun"] is None for row in rows)
+    json.dumps(rows, allow_nan=False)

@@ -6,6 +6,7 @@ import numpy as np
 import pandas as pd
 import pytest
 import xarray as xr
+from scipy.stats import multivariate_normal
 
 from bella.exceptions import InputError
 from bella.spectra import open_spectra
@@ -56,10 +57,53 @@ def test_receivers_are_placed_by_the_row_then_the_arrivals_then_the_ephemeris() 
         direction_terms(check_directions(TABLE.assign(observatory="nobody")), PLACED, EPOCH)
 
 
-def test_a_floor_adds_in_quadrature() -> None:
-    assert direction_terms(check_directions(TABLE), PLACED, EPOCH, 4.0).sigma_deg == pytest.approx([5.0])
+def test_the_floor_of_one_direction_adds_in_quadrature() -> None:
+    z, table = standard(MODEL, 0.0, 400.0)[None], check_directions(TABLE)
+    floor = direction_terms(table, PLACED, EPOCH, 4.0)
+    wider = direction_terms(table.assign(sigma_deg=5.0), PLACED, EPOCH)
+    assert floor.total_deg == pytest.approx([5.0])
+    np.testing.assert_allclose(floor.residual(MODEL, z), wider.residual(MODEL, z))
+    assert floor.log_norm == pytest.approx(wider.log_norm)
     with pytest.raises(InputError, match="give degrees"):
         direction_terms(check_directions(TABLE), PLACED, EPOCH, -1.0)
+
+
+def test_what_directions_of_a_spacecraft_share_has_the_likelihood_of_their_covariance() -> None:
+    """The density of Gaussians whose covariance is written out, of two spacecraft with two and three directions."""
+    names, sigma = ["A", "B", "A", "B", "B"], np.array([1.0, 2.0, 3.0, 1.5, 2.5])
+    table = check_directions(
+        pd.DataFrame(
+            {
+                "observatory": names,
+                "frequency_mhz": np.linspace(0.3, 1.0, 5),
+                "longitude_deg": [-174.0, 178.0, 170.0, -170.0, 176.0],
+                "latitude_deg": [1.0, -2.0, 3.0, 0.0, 2.0],
+                "sigma_deg": sigma,
+                "x_rsun": 215.0,
+                "y_rsun": [0.0, 40.0, 0.0, 40.0, 40.0],
+                "z_rsun": 0.0,
+            }
+        )
+    )
+    z = standard(MODEL, 0.0, 400.0)[None]
+    alone, shared = (direction_terms(table, PLACED, EPOCH, floor) for floor in (0.0, 2.0))
+    angle = alone.residual(MODEL, z)[0] * np.radians(sigma)[:, None]
+    same = np.array(names)[:, None] == np.array(names)
+    covariance = np.radians(1.0) ** 2 * (np.diag(sigma**2) + 2.0**2 * same)
+    expected = sum(multivariate_normal(cov=covariance).logpdf(one) for one in angle.T)
+    found = shared.log_norm - 0.5 * float((shared.residual(MODEL, z) ** 2).sum())
+    assert found == pytest.approx(expected)
+
+
+def test_forty_directions_turned_alike_say_no_more_than_the_floor() -> None:
+    z, frequency = standard(MODEL, 0.0, 400.0)[None], np.full(40, 0.55)
+    parameters = MODEL.natural(z)
+    source = MODEL.position_rsun(parameters, MODEL.range_rsun(parameters, frequency))[0]
+    place = np.tile([215.0, 0.0, 0.0], (40, 1))
+    longitude = np.arctan2(*(source - place)[:, [1, 0]].T) + np.radians(3.0)
+    towards = np.stack([np.cos(longitude), np.sin(longitude), np.zeros(40)], axis=1)
+    residual = DirectionTerms(frequency, place, towards, np.full(40, 1.0), 3.0).residual(MODEL, z)
+    assert (residual**2).sum() == pytest.approx(1.0, abs=0.01)
 
 
 @pytest.mark.parametrize(

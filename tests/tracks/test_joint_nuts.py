@@ -1,5 +1,7 @@
 """The PyMC model is the joint model: their log densities differ by a constant, wherever they are compared."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -42,4 +44,5 @@ def test_pymc_has_the_same_density(model: JointModel) -> None:
 
 
 def _directions() -> DirectionTerms:
-    return towards_source(standard(MODEL, 30.0, 400.0), MODEL, np.random.default_rng(4))
+    alone = towards_source(standard(MODEL, 30.0, 400.0), MODEL, np.random.default_rng(4))
+    return replace(alone, shared_deg=2.0, observatories=("B", "C") * (alone.frequency_mhz.size // 2))
