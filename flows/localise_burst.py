@@ -258,14 +258,14 @@ def _outcome(
 ) -> Outcome:
     """Solution of one series: the one that is there if its inputs are the same, else a new version."""
     arrivals = place(given.arrivals[series.edge])
-    checksum = inputs_hash(arrivals, given.sources, series, settings)
+    channels = given.channel_arrivals.get(series.edge)
+    timing = Timing(arrivals, None if channels is None else place(channels), given.directions)
+    checksum = inputs_hash(timing, given.sources, series, settings)
     bound = log.bind(burst_id=given.burst.burst_id, edge=series.edge, preset=series.preset)
     same = catalogue.find_solution(given.burst.burst_id, series, checksum, bella.__version__)
     if same is not None:
         bound.info("nothing new", solution_id=same.solution_id)
         return Outcome(same, new=False, track=catalogue.track_fit(same.solution_id))
-    channels = given.channel_arrivals.get(series.edge)
-    timing = Timing(arrivals, None if channels is None else place(channels), given.directions)
     posterior = solve(arrivals, given.burst.burst_id, series, settings)
     track, posterior = fit(posterior, timing, series, settings, around)
     if given.published_track:

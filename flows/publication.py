@@ -21,16 +21,16 @@ from bella.formats import localisation_records
 from bella.multilateration import PRESETS
 from bella.settings import Settings
 from bella.store import content_sha256, place_group, stage_group, verify_group
-from flows.tracks import TRACK_RECIPE
+from flows.tracks import TRACK_RECIPE, Timing
 
 
-def inputs_hash(arrivals: pd.DataFrame, sources: tuple[SourceFile, ...], series: Series, settings: Settings) -> str:
+def inputs_hash(timing: Timing, sources: tuple[SourceFile, ...], series: Series, settings: Settings) -> str:
     """Checksum of everything a solution depends on but the code.
 
     Parameters
     ----------
-    arrivals : pandas.DataFrame
-        Arrival table with the positions of the receivers.
+    timing : Timing
+        Arrival tables with the positions of the receivers, and wave directions.
     sources : tuple of SourceFile
     series : Series
     settings : Settings
@@ -48,7 +48,11 @@ def inputs_hash(arrivals: pd.DataFrame, sources: tuple[SourceFile, ...], series:
         "track": TRACK_RECIPE,
         "sources": sorted(source.sha256 for source in sources),
     }
-    text = json.dumps(choices, sort_keys=True) + arrivals_csv(arrivals)
+    text = json.dumps(choices, sort_keys=True) + arrivals_csv(timing.arrivals)
+    if timing.channels is not None:
+        text += arrivals_csv(timing.channels)
+    if timing.directions is not None and len(timing.directions):
+        text += timing.directions.to_csv(index=False)
     return hashlib.sha256(text.encode()).hexdigest()
 
 

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pandas as pd
 import pytest
 import xarray as xr
 from fastapi.testclient import TestClient
@@ -42,19 +43,24 @@ def located() -> Any:
 
 def test_inputs_hash_changes_with_everything_a_solution_depends_on(located: Any) -> None:
     sources = load_burst(EVENT.name, Path("nowhere")).sources
-    settings = Settings()
-    same = inputs_hash(located, sources, SERIES, settings)
-    assert same == inputs_hash(located.copy(), sources[::-1], SERIES, settings)
+    settings, timing = Settings(), Timing(located, located)
+    directions = pd.DataFrame({"observatory": ["WIND"], "frequency_mhz": [0.5], "longitude_deg": [170.0]})
+    same = inputs_hash(timing, sources, SERIES, settings)
+    assert same == inputs_hash(Timing(located.copy(), located.copy()), sources[::-1], SERIES, settings)
+    assert same == inputs_hash(replace(timing, directions=directions.head(0)), sources, SERIES, settings)
+    later, moved = located.assign(sigma_s=located["sigma_s"] + 1e-6), located.assign(x_rsun=located["x_rsun"] + 1e-4)
     others = {
-        inputs_hash(located.assign(sigma_s=located["sigma_s"] + 1e-6), sources, SERIES, settings),
-        inputs_hash(located.assign(x_rsun=located["x_rsun"] + 1e-4), sources, SERIES, settings),
-        inputs_hash(located, sources[1:], SERIES, settings),
-        inputs_hash(located, sources, replace(SERIES, preset="paper"), settings),
-        inputs_hash(located, sources, replace(SERIES, method="nuts"), settings),
-        inputs_hash(located, sources, SERIES, Settings(seed=1)),
-        inputs_hash(located, sources, SERIES, Settings(draws=10)),
+        *(inputs_hash(Timing(one, located), sources, SERIES, settings) for one in (later, moved)),
+        *(inputs_hash(Timing(located, one), sources, SERIES, settings) for one in (later, moved, None)),
+        inputs_hash(replace(timing, directions=directions), sources, SERIES, settings),
+        inputs_hash(replace(timing, directions=directions.assign(longitude_deg=171.0)), sources, SERIES, settings),
+        inputs_hash(timing, sources[1:], SERIES, settings),
+        inputs_hash(timing, sources, replace(SERIES, preset="paper"), settings),
+        inputs_hash(timing, sources, replace(SERIES, method="nuts"), settings),
+        inputs_hash(timing, sources, SERIES, Settings(seed=1)),
+        inputs_hash(timing, sources, SERIES, Settings(draws=10)),
     }
-    assert len(others | {same}) == 8
+    assert len(others | {same}) == 13
 
 
 def test_built_in_event_names_its_inputs() -> None:
