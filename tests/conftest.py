@@ -19,6 +19,8 @@ pytest_plugins = ["tests.fixtures_postgres"]
 if "PREFECT_HOME" not in os.environ:
     os.environ["PREFECT_HOME"] = tempfile.mkdtemp(prefix="bella-prefect-")
     atexit.register(shutil.rmtree, os.environ["PREFECT_HOME"], ignore_errors=True)
+# for what starts from here, the workers of `pytest -n` too: threads for matrices as small as these wait for one another
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 REFERENCE_FILES = Path(os.environ.get("BELLA_REFERENCE_FILES", Path(__file__).parents[2] / "shared" / "data"))
 
 

@@ -1,6 +1,7 @@
 """Wind and Sun around a burst in a run: what the folders hold reaches its solution; new files make a new version."""
 
 import os
+import shutil
 from contextlib import closing
 from dataclasses import replace
 from datetime import UTC, date, datetime
@@ -31,16 +32,20 @@ SERIES = Series("half_maximum", "posterior", "default", 2)
 START = datetime(2012, 6, 7, 19, 20, tzinfo=UTC)
 
 
+def folders(below: Path) -> Settings:
+    """Folders with three lists of one speed each, and the regions of the day."""
+    found = Settings(home=below / "home", draws=200, in_situ=below / "in-situ", regions=below / "regions")
+    for name, speed in (("omni", 480.0), ("sta", 400.0), ("stb", 400.0)):
+        hours(below / "in-situ" / f"{name}.lst", speed)
+    (below / "regions").mkdir()
+    (below / "regions" / "20120608SRS.txt").write_text(SUMMARY)
+    (below / "regions" / "coronal-holes-20120607T1200.csv").write_text(HOLES)
+    return found
+
+
 @pytest.fixture
 def settings(tmp_path: Path) -> Settings:
-    """Folders with three lists of one speed each, and the regions of the day."""
-    found = Settings(home=tmp_path / "home", draws=200, in_situ=tmp_path / "in-situ", regions=tmp_path / "regions")
-    for name, speed in (("omni", 480.0), ("sta", 400.0), ("stb", 400.0)):
-        hours(tmp_path / "in-situ" / f"{name}.lst", speed)
-    (tmp_path / "regions").mkdir()
-    (tmp_path / "regions" / "20120608SRS.txt").write_text(SUMMARY)
-    (tmp_path / "regions" / "coronal-holes-20120607T1200.csv").write_text(HOLES)
-    return found
+    return folders(tmp_path)
 
 
 @pytest.fixture(scope="module")
@@ -49,12 +54,14 @@ def localised() -> tuple[pd.DataFrame, xr.Dataset]:
     return arrivals, localise(arrivals, draws=200)
 
 
-def published(localised: tuple[pd.DataFrame, xr.Dataset], settings: Settings) -> tuple[Solution, dict[str, Any], bool]:
+Published = tuple[Solution, dict[str, Any], bool]
+
+
+def published(localised: tuple[pd.DataFrame, xr.Dataset], settings: Settings) -> Published:
     """Publish the burst as a run does, unless the same inputs were published; and whether it is new."""
     arrivals, posterior = localised
     given, around = load_burst(EVENT.name, Path("nowhere")), surroundings_of(START, settings)
-    sources = (*given.sources, *around.sources())
-    checksum = inputs_hash(Timing(arrivals), sources, SERIES, settings)
+    sources, checksum = (*given.sources, *around.sources()), checksum_of(localised, settings)
     with closing(Catalogue.open(settings.catalogue_url, create=True)) as catalogue:
         same = catalogue.find_solution(given.burst.burst_id, SERIES, checksum, "0.2.0")
         if same is not None:
@@ -65,10 +72,26 @@ def published(localised: tuple[pd.DataFrame, xr.Dataset], settings: Settings) ->
         return solution, catalogue.track_fit(solution.solution_id), True
 
 
+def checksum_of(localised: tuple[pd.DataFrame, xr.Dataset], settings: Settings) -> str:
+    sources = (*load_burst(EVENT.name, Path("nowhere")).sources, *surroundings_of(START, settings).sources())
+    return inputs_hash(Timing(localised[0]), sources, SERIES, settings)
+
+
+@pytest.fixture(scope="module")
+def first(
+    localised: tuple[pd.DataFrame, xr.Dataset], tmp_path_factory: pytest.TempPathFactory
+) -> tuple[Path, Solution, dict[str, Any]]:
+    """Folders, in whose home the burst is published, and what was."""
+    root = tmp_path_factory.mktemp("published")
+    solution, track, new = published(localised, folders(root))
+    assert new
+    return root, solution, track
+
+
 def test_wind_and_regions_reach_the_solution_and_its_figure(
-    localised: tuple[pd.DataFrame, xr.Dataset], settings: Settings, tmp_path: Path
+    localised: tuple[pd.DataFrame, xr.Dataset], first: tuple[Path, Solution, dict[str, Any]], tmp_path: Path
 ) -> None:
-    _, track, _ = published(localised, settings)
+    root, _, track = first
 
     wind, foot = track["companions"]["wind"], track["companions"]["footpoint"]
     assert [one["measured_km_s"] for one in wind["observatories"]] == [400.0, 400.0, 480.0]
@@ -76,22 +99,25 @@ def test_wind_and_regions_reach_the_solution_and_its_figure(
     assert {one["observatory"]: one["v_sw_km_s"] for one in foot["connections"]}["WIND"] == 480.0
     assert {row["name"] for row in foot["regions"]["rows"]} >= {"CH1", "11494"}
     assert has_wind(track)
-    draw_wind(tmp_path / "wind.png", localised[1], track, surroundings_of(START, settings))
+    around = surroundings_of(START, Settings(in_situ=root / "in-situ", regions=root / "regions"))
+    draw_wind(tmp_path / "wind.png", localised[1], track, around)
     assert (tmp_path / "wind.png").read_bytes()[:4] == b"\x89PNG"
 
 
 def test_new_wind_makes_a_new_version_and_the_same_wind_does_not(
-    localised: tuple[pd.DataFrame, xr.Dataset], settings: Settings, tmp_path: Path
+    localised: tuple[pd.DataFrame, xr.Dataset], first: tuple[Path, Solution, dict[str, Any]], tmp_path: Path
 ) -> None:
-    first = published(localised, settings)[0]
-    assert published(localised, settings)[2] is False
-    hours(tmp_path / "in-situ" / "omni_newer.lst", 520.0)
+    root = tmp_path / "copy"
+    shutil.copytree(first[0], root)
+    settings = Settings(home=root / "home", draws=200, in_situ=root / "in-situ", regions=root / "regions")
+    assert published(localised, settings)[::2] == (first[1], False)
+    hours(root / "in-situ" / "omni_newer.lst", 520.0)
     second, track, new = published(localised, settings)
     assert new
-    assert (first.version, second.version) == (1, 2)
+    assert (first[1].version, second.version) == (1, 2)
     assert track["companions"]["wind"]["observatories"][2]["measured_km_s"] == 520.0
-    (tmp_path / "regions" / "20120608SRS.txt").write_text(SUMMARY.replace("N15W36", "N15W37"))
-    assert published(localised, settings)[0].version == 3
+    (root / "regions" / "20120608SRS.txt").write_text(SUMMARY.replace("N15W36", "N15W37"))
+    assert checksum_of(localised, settings) not in {first[1].inputs_hash, second.inputs_hash}
 
 
 def test_nothing_measured_is_said_and_stops_nothing(
