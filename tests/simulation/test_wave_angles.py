@@ -39,6 +39,7 @@ def test_directions_point_to_the_source_within_their_scatter(heard: xr.Dataset) 
     assert abs(away.median()) < 0.5
     assert away.std() < 2.5
     assert abs(table["latitude_deg"].median()) < 1.0
+    assert not table.attrs["turned"], "angles are those towards the source"
 
 
 def test_a_quiet_day_has_no_directions(heard: xr.Dataset) -> None:

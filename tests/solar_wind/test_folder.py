@@ -44,6 +44,15 @@ def test_name_of_a_file_says_whose_speeds_it_holds(tmp_path: Path) -> None:
     assert found.at(BURST + np.timedelta64(30, "D")) == {}
 
 
+def test_speed_at_a_time_is_that_of_its_hour(tmp_path: Path) -> None:
+    day_of_year = 159  # 7 June 2012
+    lines = (f"2012 {day_of_year} {hour} {300 + hour}\n" for hour in range(24) if not 20 <= hour < 23)
+    (tmp_path / "omni.lst").write_text("".join(lines))
+    found = speeds_around(tmp_path, BURST)
+    for clock, speed in (("19:01", 319), ("19:59", 319), ("21:25", 319), ("21:35", 323), ("23:59", 323)):
+        assert found.at(np.datetime64(f"2012-06-07T{clock}", "ns")) == {"WIND": speed}
+
+
 def test_a_damaged_file_costs_its_spacecraft_only_and_is_named(tmp_path: Path) -> None:
     hours(tmp_path / "omni.lst", 400.0)
     (tmp_path / "sta.lst").write_text("<html>not found</html>\n")

@@ -81,6 +81,17 @@ def test_samples_have_the_time_of_their_visit(day: xr.Dataset, khz: int) -> None
     assert np.diff(seconds[known]).min() > 40.0, "no visit stands in two minutes"
 
 
+def test_a_list_that_begins_in_the_other_half_is_found() -> None:
+    """Its highest channels, which are searched first, are visited at the same times half a list later."""
+    found = with_visits(archived(np.roll(LIST_KHZ, LIST_KHZ.size // 2)))
+    column = int(np.flatnonzero(CHANNELS_KHZ == 104)[0])
+    values = found["intensity"].to_numpy()[:, column]
+    seconds = (sample_times(found).to_numpy()[:, column] - np.datetime64("2020-07-21")) / np.timedelta64(1, "s")
+    known = np.isfinite(values)
+    assert known.mean() == pytest.approx(60.0 / LIST_S, abs=0.02)
+    assert np.median(np.abs(seconds[known] - 600.0 * (values[known] / (2.0 + np.sin(104)) - 1.0))) < 1.0
+
+
 def test_what_the_list_does_not_explain_is_anywhere_in_its_minute() -> None:
     shuffled = np.random.default_rng(3).permutation(LIST_KHZ)
     found = with_visits(archived(shuffled))

@@ -50,6 +50,19 @@ def test_lines_cross_at_the_source() -> None:
     assert all(row["miss_rsun"] < 1e-6 and 0 < row["range_sd_rsun"] < 40 for row in rows)
 
 
+def test_the_distance_scatters_as_stated() -> None:
+    """Directions of 2 degrees of their own and 3 that are shared, of which one spacecraft has one each."""
+    table, terms = directions(frequency_mhz=np.array([0.3]))
+    rng, found = np.random.default_rng(1), []
+    for _ in range(400):
+        turn = np.radians(np.hypot(2.0, 3.0)) * rng.standard_normal(2)
+        x, y, z = terms.towards.T
+        turned = np.stack([x * np.cos(turn) - y * np.sin(turn), x * np.sin(turn) + y * np.cos(turn), z], axis=1)
+        found += triangulation_companion(table, replace(terms, towards=turned))["rows"]
+    scatter = np.std([row["range_rsun"] for row in found])
+    assert scatter == pytest.approx(np.median([row["range_sd_rsun"] for row in found]), rel=0.15)
+
+
 def test_three_lines_that_agree_place_a_source_better_than_two() -> None:
     two, three = (triangulation_companion(*directions(names))["rows"] for names in (("A", "B"), ("A", "B", "C")))
     assert all(b["range_sd_rsun"] < a["range_sd_rsun"] for a, b in zip(two, three, strict=True))

@@ -18,6 +18,7 @@ from bella.tracks import (
     fit_joint,
     fused_json,
 )
+from bella.tracks.joint_observed import Observed
 from tests.tracks.bursts import simulated, standard, towards_source
 
 MODEL = JointModel()
@@ -135,3 +136,30 @@ def test_winds_that_are_none_are_refused(speed: float, sd: float) -> None:
 def test_an_ingredient_that_is_not_there_cannot_be_left_out() -> None:
     with pytest.raises(InputError, match="choose one of arrival_times"):
         known().without("wind_prior")
+
+
+def test_longitudes_shift_the_short_way_round() -> None:
+    """A burst behind the Sun, whose posteriors have means on either side of 180 degrees."""
+    z = standard(MODEL, 179.0, 400.0)
+    fits = []
+    for seed in range(6):
+        rng = np.random.default_rng(seed)
+        fits.append(fit_fused(Ingredients(simulated(z, MODEL, rng), 0.0, towards_source(z, MODEL, rng)), MODEL, QUICK))
+    means = [
+        (one.fit.summary["phi0_deg"].mean, weight.without.summary["phi0_deg"].mean)
+        for one in fits
+        for weight in one.ingredients
+        if weight.without.summary
+    ]
+    assert any(a * b < 0 for a, b in means)
+    assert all(abs(weight.shift_sd["phi0_deg"]) < 4 for one in fits for weight in one.ingredients if weight.shift_sd)
+
+
+def test_a_wind_prior_is_a_density_of_the_slowness() -> None:
+    """It adds up to one over 1 / v in units of that of the prior, as the other parts do over what they measure."""
+    prior = WindPrior(420.0, 30.0)
+    z = np.zeros((4001, len(MODEL.parameters)))
+    z[:, 1] = np.linspace(-3, 3, 4001)
+    relative = MODEL.slowness(z)[:, 0] * prior.v_sw_km_s / MODEL.priors.v_sw_km_s
+    density = np.exp(Observed(None, wind=prior).log_norm - 0.5 * prior.residual(MODEL, z) ** 2)
+    assert np.trapezoid(density, relative) == pytest.approx(1.0, abs=1e-6)

@@ -177,6 +177,23 @@ def test_direction_at_the_peak_with_its_scatter(observatory: str, longitude_deg:
     check_directions(table)
 
 
+def test_scatter_is_that_of_one_of_two_components() -> None:
+    stated = [
+        float(sigma)
+        for seed in range(20)
+        for sigma in wave_directions(spectrum(-50.0, 2.0, np.random.default_rng(seed)), WINDOW)["sigma_deg"]
+    ]
+    assert np.sqrt(np.mean(np.square(stated))) == pytest.approx(2.0, rel=0.08)
+
+
+def test_a_second_burst_has_no_say() -> None:
+    """As high as three quarters of the first, from elsewhere, and apart from it."""
+    two = spectrum(-50.0, 1.0, np.random.default_rng(5))
+    two["intensity"][95:105] += 0.75 * two["intensity"].max(axis=0).to_numpy()
+    two["wave_azimuth_hee_deg"][95:105] = 0.0
+    assert ((wave_directions(two, WINDOW)["longitude_deg"] + 50.0).abs() < 1.5).all()
+
+
 def test_wave_vectors_are_turned_towards_the_source() -> None:
     ours = wave_directions(spectrum(-50.0, 2.0, np.random.default_rng(5)), WINDOW)
     given = spectrum(-50.0, 2.0, np.random.default_rng(5))

@@ -31,9 +31,10 @@ def test_a_steady_beam_does_not_ask_for_more() -> None:
 
 
 def test_the_average_is_that_of_the_mixture() -> None:
-    said = companion(0.0, 4)
+    said = companion(0.3, 4)  # asks for a slowing beam, and the steady ones are degrees away
     share = np.array([row["probability"] for row in said["rows"]])
     mean, sd = (np.array([row["phi0_deg"][name] for row in said["rows"]]) for name in ("mean", "sd"))
+    assert abs(share @ mean - mean.mean()) > 0.1 * sd.mean(), "all models alike would show no weights"
     assert said["phi0_deg"]["mean"] == pytest.approx(share @ mean, abs=0.05 * sd.mean())
     expected = np.sqrt(share @ (sd**2 + mean**2) - (share @ mean) ** 2)
     assert said["phi0_deg"]["sd"] == pytest.approx(expected, rel=0.02)
