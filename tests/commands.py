@@ -8,6 +8,7 @@ from pathlib import Path
 
 BELLA = str(Path(sys.executable).with_name("bella"))
 TIMEOUT_S = 240
+KEPT = ("PATH", "LANG", "LC_ALL", "OPENBLAS_NUM_THREADS")
 
 
 @dataclass(frozen=True)
@@ -34,7 +35,7 @@ class Sandbox:
 
     @property
     def environment(self) -> dict[str, str]:
-        kept = {name: os.environ[name] for name in ("PATH", "LANG", "LC_ALL") if name in os.environ}
+        kept = {name: os.environ[name] for name in KEPT if name in os.environ}
         _, user, temporary = self.elsewhere
         return kept | {"HOME": str(user), "TMPDIR": str(temporary), "BELLA_HOME": str(self.home), "COLUMNS": "120"}
 
