@@ -140,19 +140,12 @@ def test_an_ingredient_that_is_not_there_cannot_be_left_out() -> None:
 
 def test_longitudes_shift_the_short_way_round() -> None:
     """A burst behind the Sun, whose posteriors have means on either side of 180 degrees."""
-    z = standard(MODEL, 179.0, 400.0)
-    fits = []
-    for seed in range(6):
-        rng = np.random.default_rng(seed)
-        fits.append(fit_fused(Ingredients(simulated(z, MODEL, rng), 0.0, towards_source(z, MODEL, rng)), MODEL, QUICK))
-    means = [
-        (one.fit.summary["phi0_deg"].mean, weight.without.summary["phi0_deg"].mean)
-        for one in fits
-        for weight in one.ingredients
-        if weight.without.summary
-    ]
-    assert any(a * b < 0 for a, b in means)
-    assert all(abs(weight.shift_sd["phi0_deg"]) < 4 for one in fits for weight in one.ingredients if weight.shift_sd)
+    z, rng = standard(MODEL, 179.0, 400.0), np.random.default_rng(2)
+    fused = fit_fused(Ingredients(simulated(z, MODEL, rng), 0.0, towards_source(z, MODEL, rng)), MODEL, QUICK)
+    others = [one for one in fused.ingredients if one.without.summary]
+    means = [one.without.summary["phi0_deg"].mean for one in others]
+    assert min(means) < 0 < fused.fit.summary["phi0_deg"].mean
+    assert all(abs(one.shift_sd["phi0_deg"]) < 3 for one in others)
 
 
 def test_a_wind_prior_is_a_density_of_the_slowness() -> None:
