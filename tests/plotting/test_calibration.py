@@ -13,11 +13,12 @@ from bella.plotting import calibration, write_calibration_png
 from bella.plotting.calibration import CURVES, POINTS, Panel
 
 PROBABILITY = np.arange(1, POINTS + 1) / POINTS
+BAND = simultaneous_band(200, POINTS)
 
 
 def panel(title: str, *names: str, declared: bool = True) -> Panel:
     curves = {name: PROBABILITY ** (1 + 0.1 * i) for i, name in enumerate(names)}
-    return Panel(title, curves, simultaneous_band(200, POINTS), declared)
+    return Panel(title, curves, BAND, declared)
 
 
 def drawn(monkeypatch: pytest.MonkeyPatch, path: Path, *panels: Panel) -> list[Axes]:

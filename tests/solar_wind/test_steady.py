@@ -1,6 +1,6 @@
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from bella.exceptions import InputError
@@ -17,6 +17,7 @@ def test_undisturbed_wind_reaches_the_published_speed_at_earth() -> None:
 
 
 @given(turn=st.integers(1, 127))
+@settings(max_examples=12)
 def test_turning_the_boundary_turns_the_wind(turn: int) -> None:
     boundary = 400 + 100 * np.sin(np.radians(np.arange(128) * 360 / 128))
 
