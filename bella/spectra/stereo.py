@@ -23,6 +23,10 @@ DIRECTIONS = {
 SWEEP_S = 38.05
 """Duration of a sweep, s (Canizares et al. 2024, A&A 684, A182, doi:10.1051/0004-6361/202347747)."""
 
+MINUTE_AVERAGES_S = 30.0
+"""What a minute averages over, as far as edges are concerned, s: between one sweep, which is a snapshot in a channel,
+and two, 38 s apart. Edges of simulated minutes are least biased so; taken for means of a minute they are late."""
+
 POSITIONS = ("SC_POS_HEE", "SC_POS_HEEQ", "SC_POS_HCI")
 
 
@@ -83,7 +87,7 @@ def _level2_spacecraft(
 
 
 def by_minute(spectrum: xr.Dataset) -> xr.Dataset:
-    """With how well the times of averages of a minute are known.
+    """With what averages of a minute are, and how well their times are known.
 
     Parameters
     ----------
@@ -93,10 +97,11 @@ def by_minute(spectrum: xr.Dataset) -> xr.Dataset:
     Returns
     -------
     xarray.Dataset
-        With ``sample_time_sd_s``, 5.7 s.
+        With ``sample_time_sd_s``, 5.7 s; ``integration_s`` is 30 s.
     """
     sd_s = np.full(spectrum.sizes["frequency"], mean_time_sd_s(SWEEP_S))
-    return spectrum.assign(sample_time_sd_s=("frequency", sd_s))
+    known = spectrum.assign(sample_time_sd_s=("frequency", sd_s))
+    return known.assign_attrs(integration_s=MINUTE_AVERAGES_S)
 
 
 def _over_background(cdf: CdfFile, name: str) -> npt.NDArray[Any]:
