@@ -7,6 +7,7 @@ from typing import Any
 
 from api.rendering import written_error
 from api.wording import flag_meaning
+from bella.units import within_half_turn_deg
 
 Fit = Mapping[str, Any]
 SAID = frozenset({"formal_errors"})
@@ -83,7 +84,7 @@ def _apart_words(fits: Sequence[Fit]) -> str:
 
 def _turn(one: Fit, other: Fit) -> float:
     """Angle between two longitudes, degrees."""
-    return float(abs((one["phi0_deg"]["mean"] - other["phi0_deg"]["mean"] + 180) % 360 - 180))
+    return abs(within_half_turn_deg(float(one["phi0_deg"]["mean"] - other["phi0_deg"]["mean"])))
 
 
 def _joint_sd(one: Fit, other: Fit) -> float:

@@ -4,13 +4,14 @@ Inside the package arrays are bare and carry their unit in the name (``range_rsu
 Public functions of the physics take :class:`astropy.units.Quantity` and convert with :func:`bare`.
 """
 
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 import numpy.typing as npt
 from astropy import units as u
 
 FloatArray = npt.NDArray[np.float64]
+Angle = TypeVar("Angle", float, FloatArray)
 
 R_SUN_KM = 695_700.0
 """Nominal solar radius, km (IAU 2015 Resolution B3, Prsa et al. 2016, doi:10.3847/0004-6256/152/2/41)."""
@@ -55,3 +56,19 @@ def bare(value: u.Quantity, unit: Any) -> FloatArray:
         If `value` is not of that physical kind.
     """
     return np.asarray(u.Quantity(value).to_value(unit), dtype=np.float64)
+
+
+def within_half_turn_deg(angle_deg: Angle) -> Angle:
+    """The same angle above -180 and up to 180 degrees.
+
+    Parameters
+    ----------
+    angle_deg : float or numpy.ndarray
+        Degrees, any shape.
+
+    Returns
+    -------
+    float or numpy.ndarray
+        Of that shape.
+    """
+    return 180.0 - (180.0 - angle_deg) % 360.0

@@ -5,7 +5,7 @@ import pytest
 from astropy import constants
 from astropy import units as u
 
-from bella.units import AU_KM, AU_RSUN, C_KM_S, C_RSUN_S, DAY_S, R_SUN_KM, RSUN, bare
+from bella.units import AU_KM, AU_RSUN, C_KM_S, C_RSUN_S, DAY_S, R_SUN_KM, RSUN, bare, within_half_turn_deg
 
 
 def test_constants_are_the_nominal_ones() -> None:
@@ -32,3 +32,9 @@ def test_quantities_become_bare() -> None:
 def test_another_kind_of_quantity_is_refused() -> None:
     with pytest.raises(u.UnitConversionError):
         bare(1 * u.s, u.km)
+
+
+def test_angles_are_brought_within_half_a_turn() -> None:
+    angles = np.array([0.0, 179.5, 180.0, 180.5, 360.0, -180.0, -540.5, 900.0])
+    np.testing.assert_allclose(within_half_turn_deg(angles), [0.0, 179.5, 180.0, -179.5, 0.0, 180.0, 179.5, 180.0])
+    assert within_half_turn_deg(-190.0) == 170.0

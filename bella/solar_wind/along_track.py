@@ -10,7 +10,7 @@ from bella.solar_wind.field_line import field_line_longitude_deg
 from bella.solar_wind.steady import SteadyWind
 from bella.solar_wind.upwind import WindHistory
 from bella.spacecraft import cartesian, hee_from, hee_to, polar
-from bella.units import FloatArray
+from bella.units import FloatArray, within_half_turn_deg
 
 
 @dataclass(frozen=True)
@@ -63,7 +63,7 @@ class FieldLine:
                 f"between {self.range_rsun[0]:g} and {self.range_rsun[-1]:g}"
             )
         spiral = spiral_longitude_deg(self.range_rsun[inside], phi0_deg, v_sw_km_s, rotation_period_d)
-        apart = (self.longitude_deg[inside] - spiral + 180.0) % 360.0 - 180.0
+        apart = within_half_turn_deg(self.longitude_deg[inside] - spiral)
         return float(np.sqrt(np.mean(apart**2)))
 
 

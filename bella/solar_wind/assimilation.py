@@ -27,7 +27,7 @@ from bella.solar_wind.steady import (
     steady_wind,
 )
 from bella.spacecraft import position
-from bella.units import FloatArray
+from bella.units import FloatArray, within_half_turn_deg
 
 PRIOR_KM_S, PRIOR_SD_KM_S, PRIOR_WIDTH_DEG = 350.0, 90.0, 15.0
 """Climate of the wind at the inner boundary: mean, spread, and the width of its Gaussian correlation."""
@@ -170,7 +170,7 @@ def _predicted(seen: pd.DataFrame, boundaries: FloatArray, rotation_period_d: fl
 def _prior_root() -> FloatArray:
     """Lower triangle L of the prior covariance, L L' = B, km/s."""
     longitude = boundary_longitudes_deg(BINS)
-    apart = (longitude[:, None] - longitude + 180.0) % 360.0 - 180.0
+    apart = within_half_turn_deg(longitude[:, None] - longitude)
     covariance = PRIOR_SD_KM_S**2 * np.exp(-0.5 * (apart / PRIOR_WIDTH_DEG) ** 2)
     # a Gaussian cut off at half a turn is singular to rounding
     return np.asarray(np.linalg.cholesky(covariance + 1e-6 * PRIOR_SD_KM_S**2 * np.eye(BINS)), dtype=np.float64)

@@ -14,7 +14,7 @@ from bella.exceptions import InputError
 from bella.heliosphere import SIDEREAL_ROTATION_D, spiral_longitude_deg
 from bella.solar_wind.source_regions import SourceRegion
 from bella.spacecraft import cartesian, hee_to, polar, position
-from bella.units import FloatArray
+from bella.units import FloatArray, within_half_turn_deg
 
 FOOTPOINT_RSUN = 1.0
 CREDIBLE = 0.95
@@ -95,14 +95,9 @@ def footpoint(phi0_deg: FloatArray, utc: np.datetime64) -> Footpoint:
 def _summary(draws_deg: FloatArray, least_deg: float = -180.0) -> Longitudes:
     centre = float(np.degrees(np.angle(np.mean(np.exp(1j * np.radians(draws_deg))))))
     mean = (centre - least_deg) % 360.0 + least_deg
-    apart = _turned_to(draws_deg - mean)
+    apart = within_half_turn_deg(draws_deg - mean)
     low, high = np.quantile(apart, [0.5 - 0.5 * CREDIBLE, 0.5 + 0.5 * CREDIBLE])
     return Longitudes(mean, float(np.sqrt(np.mean(apart**2))), mean + float(low), mean + float(high), mean + apart)
-
-
-def _turned_to(angle_deg: FloatArray) -> FloatArray:
-    """The same angles between -180 and 180."""
-    return np.asarray((angle_deg + 180.0) % 360.0 - 180.0)
 
 
 def regions_near(foot: Footpoint, regions: Iterable[SourceRegion]) -> pd.DataFrame:
@@ -129,8 +124,8 @@ def regions_near(foot: Footpoint, regions: Iterable[SourceRegion]) -> pd.DataFra
 
 def _against(longitude: Longitudes, region: SourceRegion) -> tuple[object, ...]:
     half = 0.5 * region.width_deg
-    distance = float(_turned_to(np.array(region.longitude_deg - longitude.mean_deg)))
-    inside = np.abs(_turned_to(longitude.draws_deg - region.longitude_deg)) <= half
+    distance = float(within_half_turn_deg(region.longitude_deg - longitude.mean_deg))
+    inside = np.abs(within_half_turn_deg(longitude.draws_deg - region.longitude_deg)) <= half
     low, high = longitude.low_deg - longitude.mean_deg, longitude.high_deg - longitude.mean_deg
     return (
         region.kind,
@@ -184,8 +179,8 @@ def connection_angles(
     for name, speed in speed_km_s.items():
         (range_rsun,), (longitude,), _ = polar(position(name, [foot.utc], "heeq"))
         bend = float(spiral_longitude_deg(np.array(range_rsun), 0.0, speed, rotation_period_d))
-        mapped = float(_turned_to(np.array(longitude - bend)))
-        apart = float(_turned_to(np.array(mapped - foot.stonyhurst.mean_deg)))
+        mapped = float(within_half_turn_deg(longitude - bend))
+        apart = float(within_half_turn_deg(mapped - foot.stonyhurst.mean_deg))
         rows.append((name, range_rsun, longitude, speed, mapped, apart, foot.stonyhurst.sd_deg))
     columns = ["observatory", "range_rsun", "longitude_deg", "speed_km_s"]
     columns += ["mapped_deg", "connection_angle_deg", "connection_angle_sd_deg"]

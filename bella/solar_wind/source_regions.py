@@ -16,6 +16,7 @@ import numpy as np
 import pandas as pd
 
 from bella.exceptions import InputError
+from bella.units import within_half_turn_deg
 
 HOLE_NUMBERS = ("lon_min_deg", "lon_max_deg", "lat_min_deg", "lat_max_deg")
 HOLE_COLUMNS = ("hole_id", *HOLE_NUMBERS, "polarity", "source")
@@ -74,7 +75,7 @@ class SourceRegion:
 
         per_day = differential_rotation(1 * u.day, self.latitude_deg * u.deg, frame_time="synodic")
         turned = self.longitude_deg + float(per_day.to_value(u.deg)) * float((utc - self.utc) / np.timedelta64(1, "D"))
-        return replace(self, longitude_deg=180.0 - (180.0 - turned) % 360.0, utc=utc)
+        return replace(self, longitude_deg=within_half_turn_deg(turned), utc=utc)
 
 
 def read_active_regions(path: Path) -> list[SourceRegion]:
@@ -167,7 +168,7 @@ def _hole(row: "pd.Series[float]", utc: np.datetime64) -> SourceRegion:
     return SourceRegion(
         name=str(row["hole_id"]),
         kind="coronal hole",
-        longitude_deg=180.0 - (180.0 - middle) % 360.0,
+        longitude_deg=within_half_turn_deg(middle),
         latitude_deg=0.5 * float(row["lat_min_deg"] + row["lat_max_deg"]),
         width_deg=width,
         height_deg=float(row["lat_max_deg"] - row["lat_min_deg"]),

@@ -15,7 +15,7 @@ from bella.solar_wind.assimilation import HALF_ROTATION, WindAssimilation, drawn
 from bella.solar_wind.folder import InSitu
 from bella.solar_wind.steady import SteadyWind
 from bella.spacecraft import position_hee
-from bella.units import FloatArray
+from bella.units import FloatArray, within_half_turn_deg
 
 LADDER_RSUN = (30.0, 50.0, 75.0, 100.0, 125.0, 150.0, 175.0, 200.0)
 """Distances at which the wind along a track is given, as far as the track reaches."""
@@ -256,19 +256,14 @@ def _compared(found: WindAssimilation, winds: Sequence[SteadyWind], spiral: Trac
 
 def _field_line(found: WindAssimilation, winds: Sequence[SteadyWind], spiral: TrackSpiral) -> dict[str, Any]:
     phi0, *drawn = (longitude_at_sun_deg(one, spiral, found.rotation_period_d) for one in (found.wind, *winds))
-    away = [_turned(one - phi0) for one in drawn]
+    away = [within_half_turn_deg(one - phi0) for one in drawn]
     line = line_of_track(found.wind, spiral, found.rotation_period_d)
     limits = float(np.nanmin(spiral.range_rsun)), float(np.nanmax(spiral.range_rsun))
     rms = line.rms_from_spiral_deg(spiral.phi0_deg, spiral.v_sw_km_s, limits, spiral.rotation_period_d)
     return {
         "through_rsun": round(spiral.middle_rsun(found.wind), 1),
-        "phi0_deg": {"mean": round(_turned(phi0), 2), "sd": round(float(np.std(away)), 2)},
-        "apart_deg": round(_turned(phi0 - spiral.phi0_deg), 2),
+        "phi0_deg": {"mean": round(within_half_turn_deg(phi0), 2), "sd": round(float(np.std(away)), 2)},
+        "apart_deg": round(within_half_turn_deg(phi0 - spiral.phi0_deg), 2),
         "rms_deg": round(rms, 2),
         "flags": [],
     }
-
-
-def _turned(angle_deg: float) -> float:
-    """The same angle between -180 and 180."""
-    return (angle_deg + 180.0) % 360.0 - 180.0

@@ -18,6 +18,7 @@ from bella.tracks.joint_model import JointModel
 from bella.tracks.joint_modes import find_modes
 from bella.tracks.joint_observed import Observed
 from bella.tracks.joint_robust import robust_modes
+from bella.units import within_half_turn_deg
 
 DISAGREE = 3.0
 """Tension from which ingredients disagree."""
@@ -143,7 +144,7 @@ def _weight(name: str, tension: float, fit: JointFit, without: JointFit) -> Ingr
 def _shift(difference: float, without: JointFit, name: str) -> float:
     """In standard deviations; longitudes the short way round."""
     if name == "phi0_deg":
-        difference = (difference + 180) % 360 - 180
+        difference = within_half_turn_deg(difference)
     return difference / without.summary[name].sd
 
 

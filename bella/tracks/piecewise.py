@@ -19,7 +19,7 @@ from bella.heliosphere.parker import SPIRAL_ORIGIN_RSUN
 from bella.heliosphere.polar import has_longitude, polar_covariance
 from bella.tracks.errors_in_both import BrokenLine, Points, fit_broken_line
 from bella.tracks.two_step import MIN_POINTS, STRAIGHT_DEG_PER_RSUN, gaussian_parameter, spiral_speed_km_s
-from bella.units import FloatArray
+from bella.units import FloatArray, within_half_turn_deg
 
 MOST_KNOTS = 3
 
@@ -151,7 +151,7 @@ def fit_piecewise_spiral(
     bic = tuple(math.inf if line is None else line.bic for line in lines)
     best = min((line for line in lines if line is not None), key=lambda line: line.bic)
     return PiecewiseSpiral(
-        phi0_deg=180.0 - (180.0 - best.value) % 360.0,
+        phi0_deg=within_half_turn_deg(best.value),
         phi0_sd_deg=best.value_sd,
         segments=_segments(points, best, rotation_period_d),
         chi2=best.chi2,

@@ -12,7 +12,7 @@ from scipy.optimize import minimize_scalar
 
 from bella.exceptions import InputError
 from bella.heliosphere import spiral_path_rsun, spiral_position_rsun
-from bella.units import C_KM_S, DAY_S, R_SUN_KM, FloatArray
+from bella.units import C_KM_S, DAY_S, R_SUN_KM, FloatArray, within_half_turn_deg
 
 SEMP_ROTATION_D = 2 * np.pi / 2.662e-6 / DAY_S
 """Rotation period of the published model, days (27.32; synodic)."""
@@ -159,5 +159,5 @@ def fit_semp(
     release_s, slowness = semp_residual_s(times, best.x, v_sw_km_s, light_km_s, rotation_period_d)[1]
     speed = R_SUN_KM / slowness / light_km_s if slowness > 0 else float("nan")
     flags = () if slowness > 0 else (NO_BEAM,)
-    phi0_deg = float((best.x + 180.0) % 360.0 - 180.0)
+    phi0_deg = within_half_turn_deg(float(best.x))
     return SempFit(float(release_s), phi0_deg, float(speed), float(best.fun), scanned, profile, flags)

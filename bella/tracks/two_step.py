@@ -21,7 +21,7 @@ from bella.heliosphere.parker import (
     SPIRAL_ORIGIN_RSUN,
     angular_speed_rad_s,
 )
-from bella.units import R_SUN_KM, FloatArray
+from bella.units import R_SUN_KM, FloatArray, within_half_turn_deg
 
 MIN_POINTS = 3
 STRAIGHT_DEG_PER_RSUN = 1e-6
@@ -106,7 +106,7 @@ def fit_spiral_line(range_rsun: FloatArray, longitude_deg: FloatArray, rotation_
     phi0_sd, slope_sd = np.sqrt(variance * np.diag(np.linalg.inv(design.T @ design)))
     speed = spiral_speed_km_s(float(slope), rotation_period_d)
     return SpiralLine(
-        phi0_deg=180.0 - (180.0 - float(phi0)) % 360.0,
+        phi0_deg=within_half_turn_deg(float(phi0)),
         phi0_sd_deg=float(phi0_sd),
         v_sw_km_s=speed,
         v_sw_sd_km_s=abs(speed) * float(slope_sd) / max(abs(float(slope)), 1e-12),
