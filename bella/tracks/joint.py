@@ -116,7 +116,7 @@ def fit_ingredients(
     if _too_few(known, chosen, observed):
         return JointFit(chosen, known.arrivals.reference_utc, {}, {}, None, ("too_few_frequencies",), account)
     rng = np.random.default_rng(options.seed)
-    modes, observed, account = _found(chosen, known, (observed, account), robust=options.robust)
+    modes, observed, account = _found(chosen, known, (observed, account), options)
     sampled, proposal = sample_posterior(chosen, observed, modes, options.draws, rng)
     account = replace(account, squares=observed.squares(chosen, modes.z[0]))
     freedom = max(observed.freedom - len(account.down_weighted), 1)
@@ -159,6 +159,9 @@ def compare_models(
     options, models = options or JointOptions(), list(models)
     if models and options.robust:
         ingredients, options = _weighted_down(ingredients, models[0]), replace(options, robust=False)
+    if models:  # those of the first are near those of its variants
+        found = find_modes(models[0], ingredients.observed())
+        options = replace(options, near=dict(zip(models[0].parameters, found.z.T, strict=True)))
     fits = [fit for model in models if (fit := fit_ingredients(ingredients, model, options)).quality is not None]
     log_evidence = np.array([fit.quality.log_evidence for fit in fits if fit.quality is not None])
     if not fits:
@@ -240,12 +243,12 @@ def _too_few(known: Ingredients, model: JointModel, observed: Observed) -> bool:
 
 
 def _found(
-    model: JointModel, known: Ingredients, begun: tuple[Observed, Account], *, robust: bool
+    model: JointModel, known: Ingredients, begun: tuple[Observed, Account], options: JointOptions
 ) -> tuple[Modes, Observed, Account]:
     """Maxima, what they are the maxima of, and the arrival times that were weighted down."""
     observed, account = begun
-    if not robust or known.without_arrivals:
-        return find_modes(model, observed), observed, account
+    if not options.robust or known.without_arrivals:
+        return find_modes(model, observed, options.near), observed, account
     modes, weighted, weight = robust_modes(model, observed)
     grid = known.arrivals
     bad = tuple(

@@ -1,5 +1,6 @@
 """What a joint fit takes in, and how it is made: arrival times, wave directions, a wind known from elsewhere."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -9,6 +10,7 @@ from bella.exceptions import InputError
 from bella.tracks.joint_directions import DirectionTerms
 from bella.tracks.joint_likelihood import timed_channels
 from bella.tracks.joint_observed import ARRIVAL_TIMES, WAVE_DIRECTIONS, WIND, Observed, WindPrior
+from bella.units import FloatArray
 
 DRAWS = 4000
 
@@ -25,12 +27,15 @@ class JointOptions:
         Weight bad arrival times down.
     fallback : bool
         Sample with PyMC where importance sampling has too few effective draws: up to a minute.
+    near : mapping of str to ndarray, or None
+        Standard parameters by name, of places near which maxima are; None: they are looked for everywhere.
     """
 
     draws: int = DRAWS
     seed: int = 0
     robust: bool = True
     fallback: bool = False
+    near: Mapping[str, FloatArray] | None = None
 
     def __post_init__(self) -> None:
         if self.draws < 100:

@@ -6,6 +6,7 @@ doi:10.1137/0111030), with the Jacobian from finite differences in one call.
 """
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -16,6 +17,8 @@ from bella.units import FloatArray
 
 STARTS_DEG = (-150.0, -100.0, -50.0, 0.0, 50.0, 100.0, 150.0, 180.0)
 """Longitudes to start from, relative to the centre of their prior."""
+FEW_STARTS_DEG = (-90.0, 0.0, 90.0, 180.0)
+"""The same, beside places that are known."""
 START_LN_A = (-0.8, 0.8, 2.5)
 """Distances to start from, in prior standard deviations of ln a."""
 STEPS = 60
@@ -52,19 +55,22 @@ class Modes:
     misfit: float
 
 
-def find_modes(model: JointModel, observed: Observed) -> Modes:
+def find_modes(model: JointModel, observed: Observed, near: Mapping[str, FloatArray] | None = None) -> Modes:
     """Climb from several longitudes and distances to the maxima of the joint posterior.
 
     Parameters
     ----------
     model : JointModel
     observed : Observed
+    near : mapping of str to ndarray, optional
+        Standard parameters by name, of places to climb from, such as the maxima of a simpler model; parameters that it
+        does not have begin where they change nothing. Then only a few others are tried beside them.
 
     Returns
     -------
     Modes
     """
-    z, cost = climb(model, observed, _starts(model))
+    z, cost = climb(model, observed, _starts(model) if near is None else _starts_near(model, near))
     curvature = _slope_and_curvature(model, observed, z)[1]
     log_evidence = -cost - 0.5 * np.linalg.slogdet(curvature)[1]
     kept = _distinct(model, z, curvature, log_evidence)
@@ -101,6 +107,14 @@ def _starts(model: JointModel) -> FloatArray:
     starts[..., PHI0] = np.array(STARTS_DEG) / model.priors.phi0_sd_deg
     starts[..., 2] = np.array(START_LN_A)[:, None]
     return starts.reshape(-1, len(model.parameters))
+
+
+def _starts_near(model: JointModel, near: Mapping[str, FloatArray]) -> FloatArray:
+    unknown = np.zeros_like(near["phi0_deg"])
+    known = dict.fromkeys(model.outer_winds, near["v_sw_km_s"]) | dict(near)
+    beside = np.zeros((len(FEW_STARTS_DEG), len(model.parameters)))
+    beside[:, PHI0], beside[:, 2] = np.array(FEW_STARTS_DEG) / model.priors.phi0_sd_deg, START_LN_A[1]
+    return np.concatenate([np.stack([known.get(name, unknown) for name in model.parameters], axis=1), beside])
 
 
 def climb(model: JointModel, observed: Observed, z: FloatArray) -> tuple[FloatArray, FloatArray]:

@@ -5,6 +5,7 @@ import pytest
 
 from bella.exceptions import NoDataError
 from bella.tracks import Ingredients, JointModel, fit_joint
+from bella.tracks.joint_modes import find_modes
 from bella.tracks.model_companion import model_companion, variants
 from tests.tracks.bursts import simulated, standard
 
@@ -54,3 +55,14 @@ def test_without_a_joint_fit_there_is_nothing_to_compare() -> None:
     few = grid.take(np.array([0, 20]))
     with pytest.raises(NoDataError, match="too_few_frequencies"):
         model_companion(Ingredients(few), fit_joint(few, MODEL), 1)
+
+
+@pytest.mark.parametrize("longitude_deg", [30.0, 170.0, -120.0])
+def test_maxima_of_variants_are_found_from_those_of_the_plain_model(longitude_deg: float) -> None:
+    grid = simulated(standard(MODEL, longitude_deg, 400.0), MODEL, np.random.default_rng(6))
+    known = Ingredients(grid, 0.0)
+    plain = find_modes(MODEL, known.observed())
+    near = dict(zip(MODEL.parameters, plain.z.T, strict=True))
+    for model in variants(fit_joint(grid, MODEL, common_sd_s=0.0), known):
+        everywhere, from_near = find_modes(model, known.observed()), find_modes(model, known.observed(), near)
+        assert from_near.misfit == pytest.approx(everywhere.misfit, abs=1e-3), model.name
