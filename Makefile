@@ -15,7 +15,7 @@ serve: .venv/runtime  ## API and pages on http://127.0.0.1:8000
 	$(BIN)/bella serve
 
 test: .venv/test  ## Everything that must hold, without a network
-	$(BIN)/pytest -n 2 --dist loadfile
+	$(BIN)/pytest -n 2 --dist loadfile --no-loadscope-reorder
 
 acceptance: .venv/test  ## Longer checks, such as the exact posterior against long sampling
 	$(BIN)/pytest -m acceptance

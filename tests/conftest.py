@@ -24,6 +24,15 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 REFERENCE_FILES = Path(os.environ.get("BELLA_REFERENCE_FILES", Path(__file__).parents[2] / "shared" / "data"))
 
 
+LONG_FILES = ("test_process_days.py", "test_service_processes.py", "test_run.py", "test_solar_wind.py")
+"""Files of few tests that take a minute or more each."""
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Begin with the files that take longest: at the end one of them would keep a worker while the others are idle."""
+    items.sort(key=lambda item: item.path.name not in LONG_FILES)
+
+
 @pytest.fixture(scope="session")
 def reference_files() -> Path:
     """Folder of real archive files; they are too large, or not ours, to be kept in the repository."""
