@@ -1,7 +1,7 @@
 """CDF files, read with cdflib behind bounds: fill values become NaN, epochs become UTC."""
 
 import re
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from io import BytesIO
 from pathlib import Path
@@ -27,9 +27,8 @@ LARGEST_NUMBER = 9.0e29
 DEFLATE_RATIO = 1032
 """The most that deflate can shrink anything (RFC 1951)."""
 
-RECORDS = 2_000_000
-DIMENSIONS, LONGEST_TEXT = 10, 1 << 16
-"""The most dimensions that CDF allows, and more characters than any text has."""
+RECORDS, DIMENSIONS, LONGEST_TEXT = 2_000_000, 10, 1 << 16
+"""More records than a day has, the most dimensions that CDF allows, and more characters than any text has."""
 
 TEXTS, Z_VARIABLE, LARGEST_WIDTH = (51, 52), 8, 8
 UNIX_EPOCH_MS = 62_167_219_200_000.0
@@ -52,6 +51,7 @@ class _BoundedCdf(cdflib.CDF):  # type: ignore[misc]
 
     _is_swapped = False
     """Whether the values at hand are in the byte order of this machine already."""
+    _followed: frozenset[int] = frozenset()
 
     def _file_or_url_or_s3_handler(self, filename: str, filetype: str, s3_read_method: int) -> BoundedStream:
         del filetype, s3_read_method
@@ -89,6 +89,22 @@ class _BoundedCdf(cdflib.CDF):  # type: ignore[misc]
         if self._integer(byte_loc + 4) == Z_VARIABLE:
             self._check_count(begin + 128, DIMENSIONS)
         return super()._read_vdr2(byte_loc)
+
+    def _read_vxrs(self, byte_loc: int, *found: Any, **named: Any) -> Any:
+        return self._once(super()._read_vxrs, byte_loc, *found, **named)
+
+    def _read_vxrs2(self, byte_loc: int, *found: Any, **named: Any) -> Any:
+        return self._once(super()._read_vxrs2, byte_loc, *found, **named)
+
+    def _once(self, follow: Callable[..., Any], byte_loc: int, *found: Any, **named: Any) -> Any:
+        """Follow no record of an index twice: cdflib would go on to the recursion limit, which PyTensor raises."""
+        before = self._followed
+        if byte_loc in before:
+            raise ValueError("its index comes back to itself")
+        self._followed = before | {byte_loc}
+        result = follow(byte_loc, *found, **named)
+        self._followed = self._followed if before else before
+        return result
 
     def _integer(self, offset: int) -> int:
         self._f.seek(offset)

@@ -3,8 +3,9 @@
 import gzip
 import re
 import struct
+import sys
 import zlib
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Literal
 
@@ -32,6 +33,15 @@ def wind_l2(tmp_path: Path) -> Path:
     return archive_files.write_wind_l2(
         tmp_path / WIND_L2, UTC, np.geomspace(20e3, 1040e3, 32), np.ones((60, 32)) * 1e-15
     )
+
+
+@pytest.fixture
+def deep() -> Iterator[None]:
+    """The recursion limit of a process in which PyTensor was imported."""
+    limit = sys.getrecursionlimit()
+    sys.setrecursionlimit(10_000)
+    yield
+    sys.setrecursionlimit(limit)
 
 
 def number(content: bytearray, offset: int) -> int:
@@ -104,7 +114,7 @@ def point_beyond_the_end(content: bytearray) -> None:
         point_beyond_the_end,
     ],
 )
-def test_lies_about_sizes_are_found_out(wind_l2: Path, damage: Callable[[bytearray], None]) -> None:
+def test_lies_about_sizes_are_found_out(wind_l2: Path, damage: Callable[[bytearray], None], deep: None) -> None:
     content = bytearray(wind_l2.read_bytes())
     damage(content)
     wind_l2.write_bytes(content)
