@@ -10,7 +10,6 @@ much the edge was late beyond light travel (scattering) and how well that is kno
 size of the timing offset that all channels of an observatory share (sample grid, clock).
 """
 
-import io
 from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
@@ -19,6 +18,7 @@ import numpy as np
 import numpy.typing as npt
 import pandas as pd
 
+from bella.csv_tables import parse_table, read_table_text
 from bella.exceptions import InputError
 from bella.spacecraft import position_hee
 from bella.units import AU_RSUN, DAY_S, FloatArray
@@ -98,11 +98,7 @@ def read_arrivals(path: Path) -> pd.DataFrame:
     InputError
         If the file cannot be read, or names the row and column that is wrong.
     """
-    try:
-        text = path.read_text(encoding="utf-8")
-    except (OSError, UnicodeDecodeError) as error:
-        raise InputError(f"{path}: cannot be read as a text file ({error}); give the path of a CSV table") from error
-    return parse_arrivals(text, source=str(path))
+    return parse_arrivals(read_table_text(path), source=str(path))
 
 
 def parse_arrivals(text: str, *, source: str = "arrival table") -> pd.DataFrame:
@@ -124,15 +120,7 @@ def parse_arrivals(text: str, *, source: str = "arrival table") -> pd.DataFrame:
     InputError
         Names the row and column that is wrong.
     """
-    lines = [line for line in io.StringIO(text.removeprefix("\ufeff"), newline=None) if not line.startswith("#")]
-    try:
-        frame = pd.read_csv(io.StringIO("".join(lines)), dtype=str, keep_default_na=False, skipinitialspace=True)
-    except (pd.errors.ParserError, pd.errors.EmptyDataError, ValueError) as error:
-        reason = " ".join(str(error).split())
-        raise InputError(f"{source}: is not a CSV table ({reason}); its first line must name the columns") from error
-    if not isinstance(frame.index, pd.RangeIndex):
-        raise InputError(f"{source}: row 1 has more fields than the heading names; give as many of one as of the other")
-    return check_arrivals(frame, source=source)
+    return check_arrivals(parse_table(text, source), source=source)
 
 
 def check_arrivals(frame: pd.DataFrame, *, source: str = "arrival table") -> pd.DataFrame:

@@ -9,7 +9,6 @@ covariance of each component is diagonal plus a constant (as in :mod:`bella.trac
 made independent by the inverse root of it.
 """
 
-import io
 import math
 from dataclasses import dataclass
 from functools import cached_property
@@ -20,6 +19,7 @@ import numpy as np
 import pandas as pd
 
 from bella.arrivals import POSITION
+from bella.csv_tables import parse_table, read_table_text
 from bella.exceptions import InputError
 from bella.spacecraft import position_hee
 from bella.tracks.joint_model import JointModel
@@ -163,16 +163,7 @@ def read_directions(path: Path) -> pd.DataFrame:
     InputError
         If the file cannot be read, or names the row and column that is wrong.
     """
-    try:
-        lines = path.read_text(encoding="utf-8").removeprefix("\ufeff").splitlines()
-        kept = "\n".join(line for line in lines if not line.startswith("#"))
-        frame = pd.read_csv(io.StringIO(kept), skipinitialspace=True)
-    except (OSError, UnicodeDecodeError) as error:
-        raise InputError(f"{path}: cannot be read as a text file ({error}); give the path of a CSV table") from error
-    except (pd.errors.ParserError, pd.errors.EmptyDataError, ValueError) as error:
-        reason = " ".join(str(error).split())
-        raise InputError(f"{path}: is not a CSV table ({reason}); its first line must name the columns") from error
-    return check_directions(frame, source=str(path))
+    return check_directions(parse_table(read_table_text(path), str(path)), source=str(path))
 
 
 def check_directions(frame: pd.DataFrame, *, source: str = "directions") -> pd.DataFrame:
