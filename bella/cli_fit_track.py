@@ -86,7 +86,7 @@ def fit_track(  # noqa: PLR0913, PLR0917 - one argument per option
         model,
         preset,
         common_sigma,
-        others=_variants(model) if compare else (),
+        others=model.variants[1:] if compare else (),
         most_knots=MOST_KNOTS if compare else 0,
         directions=read_directions(directions) if directions else None,
         floor_deg=directions_floor,
@@ -141,14 +141,6 @@ def _centre_and_sd(text: str) -> tuple[float, float]:
     if not (abs(centre) <= 360 and 1 <= sd <= 180):
         raise InputError(f"--phi0-prior {text}: give a centre within 360 degrees and a deviation between 1 and 180")
     return centre, sd
-
-
-def _variants(model: "JointModel") -> list["JointModel"]:
-    """All variants of a model but itself."""
-    from dataclasses import replace
-
-    variants = [replace(model, deceleration=slow, two_slope=two) for slow in (False, True) for two in (False, True)]
-    return [one for one in variants if one != model]
 
 
 def _print_fit(track: dict[str, Any]) -> None:

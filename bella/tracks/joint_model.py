@@ -11,15 +11,15 @@ longitude of the spiral is linear.
 """
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
 from scipy.special import logsumexp, ndtr
 from scipy.stats import norm
 
-from bella.heliosphere import SIDEREAL_ROTATION_D
-from bella.tracks.joint_wind import beam_travel_along_s, field_line_position_rsun, slowing_travel_along_s
+from bella.heliosphere import SIDEREAL_ROTATION_D, beam_travel_s, slowing_travel_s
+from bella.tracks.joint_wind import along_field_line, field_line_position_rsun
 from bella.units import C_RSUN_S, FloatArray
 
 PIVOT_MHZ = 0.55
@@ -128,6 +128,13 @@ class JointModel:
         winds = len(self.knots_rsun) + 1
         words = {"slowing beam": self.deceleration, "two slopes": self.two_slope, f"{winds} winds": winds > 1}
         return ", ".join(["joint spiral", *(word for word, on in words.items() if on)])
+
+    @property
+    def variants(self) -> tuple["JointModel", ...]:
+        """Itself, and the models with another beam or density law."""
+        switches = [(slow, two) for slow in (False, True) for two in (False, True)]
+        every = [replace(self, deceleration=slow, two_slope=two) for slow, two in switches]
+        return self, *(one for one in every if one != self)
 
     @property
     def parameters(self) -> tuple[str, ...]:
@@ -271,12 +278,15 @@ class JointModel:
         return np.asarray(self._travel_s(parameters, range_rsun)[..., None] + light_s)
 
     def _travel_s(self, parameters: JointParameters, range_rsun: FloatArray) -> FloatArray:
-        winds, rotation_d = parameters.winds_km_s, self.rotation_period_d
-        speed_c = parameters.beam_speed_c[:, None]
-        if not self.deceleration:
-            return beam_travel_along_s(range_rsun, speed_c, winds, self.knots_rsun, rotation_d)
-        beam = speed_c, parameters.deceleration[:, None]
-        return slowing_travel_along_s(range_rsun, beam, winds, self.knots_rsun, rotation_d)
+        rotation_d, speed_c = self.rotation_period_d, parameters.beam_speed_c[:, None]
+        slowing = parameters.deceleration[:, None]
+
+        def _travel(r: FloatArray, wind: FloatArray) -> FloatArray:
+            if not self.deceleration:
+                return beam_travel_s(r, speed_c, wind, rotation_d)
+            return slowing_travel_s(r, speed_c, slowing, wind, rotation_d)
+
+        return along_field_line(range_rsun, parameters.winds_km_s, self.knots_rsun, _travel)
 
     def allowed(self, z: FloatArray, frequency_mhz: FloatArray) -> npt.NDArray[np.bool_]:
         """Whether the wind is one and the beam is slower than light at every frequency.

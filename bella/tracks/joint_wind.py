@@ -1,4 +1,4 @@
-"""Field line of a wind whose speed changes at given distances: longitudes, and the travel of a beam along it.
+"""Field line of a wind whose speed changes at given distances: its longitudes, and integrals along it.
 
 Between two knots the field is a Parker spiral (Parker 1958, ApJ 128, 664, doi:10.1086/146579) of the wind there; the
 line is continuous, its direction is not.
@@ -8,7 +8,7 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
-from bella.heliosphere import beam_travel_s, slowing_travel_s, spiral_longitude_deg, spiral_position_rsun
+from bella.heliosphere import spiral_longitude_deg, spiral_position_rsun
 from bella.units import FloatArray
 
 Winds = Sequence[FloatArray]
@@ -44,76 +44,34 @@ def field_line_position_rsun(
     """
     if not knots_rsun:
         return spiral_position_rsun(range_rsun, phi0_deg, winds_km_s[0], rotation_period_d)
-    turned_deg = _summed(
+    turned_deg = along_field_line(
         range_rsun, winds_km_s, knots_rsun, lambda r, wind: spiral_longitude_deg(r, 0.0, wind, rotation_period_d)
     )
     longitude = np.radians(phi0_deg + turned_deg)
     return np.stack([range_rsun * np.cos(longitude), range_rsun * np.sin(longitude), np.zeros_like(longitude)], axis=-1)
 
 
-def beam_travel_along_s(
-    range_rsun: FloatArray,
-    beam_speed_c: FloatArray,
-    winds_km_s: Winds,
-    knots_rsun: Sequence[float],
-    rotation_period_d: float,
-) -> FloatArray:
-    """Time that a beam of constant speed takes from 1 solar radius along the field line.
-
-    Parameters
-    ----------
-    range_rsun : ndarray, shape (N, F)
-        Solar radii.
-    beam_speed_c : ndarray, shape (N, 1)
-        Units of c.
-    winds_km_s, knots_rsun, rotation_period_d
-        As for :func:`field_line_position_rsun`.
-
-    Returns
-    -------
-    ndarray, shape (N, F)
-        s.
-    """
-    return _summed(
-        range_rsun, winds_km_s, knots_rsun, lambda r, wind: beam_travel_s(r, beam_speed_c, wind, rotation_period_d)
-    )
-
-
-def slowing_travel_along_s(
-    range_rsun: FloatArray,
-    beam: tuple[FloatArray, FloatArray],
-    winds_km_s: Winds,
-    knots_rsun: Sequence[float],
-    rotation_period_d: float,
-) -> FloatArray:
-    """Time that a beam takes whose speed falls as a power of the distance.
-
-    Parameters
-    ----------
-    range_rsun : ndarray, shape (N, F)
-        Solar radii.
-    beam : tuple of two ndarray, shape (N, 1)
-        Speed at 1 solar radius in units of c, and the exponent d of v(r) = v(1) r^-d.
-    winds_km_s, knots_rsun, rotation_period_d
-        As for :func:`field_line_position_rsun`.
-
-    Returns
-    -------
-    ndarray, shape (N, F)
-        s.
-    """
-    return _summed(
-        range_rsun, winds_km_s, knots_rsun, lambda r, wind: slowing_travel_s(r, *beam, wind, rotation_period_d)
-    )
-
-
-def _summed(
+def along_field_line(
     range_rsun: FloatArray,
     winds_km_s: Winds,
     knots_rsun: Sequence[float],
     integral: Callable[[FloatArray, FloatArray], FloatArray],
 ) -> FloatArray:
-    """Integral from 1 solar radius, in each segment with the wind there; `integral` itself begins at 1 solar radius."""
+    """Integral from 1 solar radius along a field line, in each segment with the wind there.
+
+    Parameters
+    ----------
+    range_rsun : ndarray, shape (N, F)
+        Solar radii.
+    winds_km_s, knots_rsun
+        As for :func:`field_line_position_rsun`.
+    integral : callable
+        Of distance and speed: the integral from 1 solar radius in a wind of one speed, such as the travel of a beam.
+
+    Returns
+    -------
+    ndarray, shape (N, F)
+    """
     if not knots_rsun:
         return integral(range_rsun, winds_km_s[0])
     total = integral(np.minimum(range_rsun, knots_rsun[0]), winds_km_s[0])

@@ -30,11 +30,8 @@ def variants(fit: JointFit, known: Ingredients) -> list[JointModel]:
     list of JointModel
         The model of the fit first.
     """
-    plain = fit.model
-    slowing, bent = replace(plain, deceleration=True), replace(plain, two_slope=True)
     knots = [wind_knots(fit, known.arrivals.frequency_mhz, number) for number in range(1, MOST_KNOTS + 1)]
-    changing = [replace(plain, knots_rsun=places) for places in dict.fromkeys(knots)]
-    return [plain, slowing, bent, replace(slowing, two_slope=True), *changing]
+    return [*fit.model.variants, *(replace(fit.model, knots_rsun=places) for places in dict.fromkeys(knots))]
 
 
 def model_companion(known: Ingredients, fit: JointFit, seed: int) -> dict[str, Any]:

@@ -5,10 +5,10 @@ import pytest
 from scipy.integrate import quad
 
 from bella.exceptions import InputError
-from bella.heliosphere import angular_speed_rad_s
+from bella.heliosphere import angular_speed_rad_s, beam_travel_s, slowing_travel_s
 from bella.tracks import JointModel, JointOptions, compare_models, fit_joint, joint_json, wind_knots
-from bella.tracks.joint_wind import beam_travel_along_s, field_line_position_rsun, slowing_travel_along_s
-from bella.units import C_RSUN_S, R_SUN_KM
+from bella.tracks.joint_wind import along_field_line, field_line_position_rsun
+from bella.units import C_RSUN_S, R_SUN_KM, FloatArray
 from tests.tracks.bursts import FREQUENCY_MHZ, simulated, standard
 
 MODEL = JointModel()
@@ -38,8 +38,13 @@ def test_longitude_is_the_integral_of_the_winding() -> None:
 
 
 def test_travel_is_the_integral_along_the_field_line() -> None:
-    steady = beam_travel_along_s(RANGE, np.array([[0.2]]), WINDS, KNOTS, 25.38)[0]
-    slowing = slowing_travel_along_s(RANGE, (np.array([[0.2]]), np.array([[0.3]])), WINDS, KNOTS, 25.38)[0]
+    speed_c, slower, period_d = np.array([[0.2]]), np.array([[0.3]]), 25.38
+
+    def slowed_travel(r: FloatArray, wind: FloatArray) -> FloatArray:
+        return slowing_travel_s(r, speed_c, slower, wind, period_d)
+
+    (steady,) = along_field_line(RANGE, WINDS, KNOTS, lambda r, wind: beam_travel_s(r, speed_c, wind, period_d))
+    (slowing,) = along_field_line(RANGE, WINDS, KNOTS, slowed_travel)
     for found, slowed, end in zip(steady, slowing, RANGE[0], strict=True):
         assert found == pytest.approx(integral(0.0, end) / (0.2 * C_RSUN_S), rel=1e-8)
         assert slowed == pytest.approx(integral(0.3, end) / (0.2 * C_RSUN_S), rel=1e-6)
