@@ -8,11 +8,10 @@ import pandas as pd
 import structlog
 import xarray as xr
 
-from bella.arrivals import ArrivalGrid
 from bella.exceptions import BellaError
 from bella.spectra import power_above_background
-from bella.tracks import DirectionTerms, Ingredients, JointOptions, WindPrior, direction_terms, wave_directions
-from bella.tracks.direction_companions import FLOOR_DEG, fused_companion, triangulation_companion
+from bella.tracks import DirectionTerms, WindPrior, direction_terms, wave_directions
+from bella.tracks.direction_companions import FLOOR_DEG
 from bella.units import FloatArray
 
 log = structlog.get_logger(__name__)
@@ -53,14 +52,13 @@ def burst_directions(spectra: Iterable[xr.Dataset], window: Window, band_mhz: tu
     return pd.concat(parts, ignore_index=True)
 
 
-def directed(
-    directions: pd.DataFrame | None, arrivals: pd.DataFrame, epoch: np.datetime64
-) -> tuple[pd.DataFrame, DirectionTerms] | None:
-    """Wave directions and what a likelihood takes of them.
+def directed(directions: pd.DataFrame | None, arrivals: pd.DataFrame, epoch: np.datetime64) -> DirectionTerms | None:
+    """Wave directions as a likelihood takes them.
 
     Parameters
     ----------
     directions : pandas.DataFrame or None
+        As :func:`burst_directions` returns it.
     arrivals : pandas.DataFrame
         Located arrival table, for where the spacecraft were.
     epoch : numpy.datetime64
@@ -68,32 +66,12 @@ def directed(
 
     Returns
     -------
-    tuple of pandas.DataFrame and DirectionTerms, or None
+    DirectionTerms or None
         None where there are no directions.
     """
     if directions is None or not len(directions):
         return None
-    table = directions.assign(x_rsun=np.nan, y_rsun=np.nan, z_rsun=np.nan)
-    return table, direction_terms(table, arrivals, epoch, FLOOR_DEG)
-
-
-def crossing(known: tuple[pd.DataFrame, DirectionTerms] | None) -> dict[str, Any]:
-    """Sources where wave directions cross, as :func:`bella.tracks.direction_companions.triangulation_companion` has it.
-
-    Parameters
-    ----------
-    known : tuple of pandas.DataFrame and DirectionTerms, or None
-
-    Returns
-    -------
-    dict
-
-    Raises
-    ------
-    InputError
-        If no two spacecraft have directions near the same frequency.
-    """
-    return triangulation_companion(*(known or (None, None)))
+    return direction_terms(directions.assign(x_rsun=np.nan, y_rsun=np.nan, z_rsun=np.nan), arrivals, epoch, FLOOR_DEG)
 
 
 def known_wind(wind: Mapping[str, Any]) -> WindPrior | None:
@@ -122,37 +100,3 @@ def known_wind(wind: Mapping[str, Any]) -> WindPrior | None:
 
 def _numbers(values: Iterable[float | None]) -> FloatArray:
     return np.array([value for value in values if value is not None], dtype=np.float64)
-
-
-def fused(
-    grid: ArrivalGrid,
-    known: tuple[pd.DataFrame, DirectionTerms] | None,
-    wind: Mapping[str, Any],
-    rotation_period_d: float,
-    options: JointOptions,
-) -> dict[str, Any]:
-    """One fit to everything, as :func:`bella.tracks.direction_companions.fused_companion` has it.
-
-    Parameters
-    ----------
-    grid : ArrivalGrid
-        As the joint fit took it.
-    known : tuple of pandas.DataFrame and DirectionTerms, or None
-    wind : mapping
-        Companion.
-    rotation_period_d : float
-        Rotation period of the Sun, days.
-    options : JointOptions
-
-    Returns
-    -------
-    dict
-
-    Raises
-    ------
-    InputError
-        If there are arrival times alone.
-    """
-    terms = None if known is None else known[1]
-    ingredients = Ingredients(grid, directions=terms, wind=known_wind(wind))
-    return fused_companion(ingredients, rotation_period_d, options)

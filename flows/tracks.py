@@ -13,13 +13,13 @@ from bella.exceptions import GeometryError, InputError, NoDataError
 from bella.flags import APPARENT_SOURCE, NOT_COMPUTED
 from bella.multilateration.priors import apply_sigma_rule, find_preset
 from bella.settings import Settings
-from bella.tracks import DirectionTerms, Ingredients, JointFit, JointOptions, piecewise_fit, track_fit
+from bella.tracks import Ingredients, JointFit, JointOptions, piecewise_fit, track_fit
 from bella.tracks.companions import density_companion, semp_companion
-from bella.tracks.direction_companions import FLOOR_DEG
+from bella.tracks.direction_companions import FLOOR_DEG, fused_companion, triangulation_companion
 from bella.tracks.model_companion import model_companion
 from bella.tracks.published import FEWEST_DRAWS, MOST_FREQUENCIES, as_fitted, joint_track, with_joint_draws
 from bella.tracks.scattering_companion import scattering_companion
-from flows.directions import crossing, directed, fused
+from flows.directions import directed, known_wind
 from flows.solar_wind import Surroundings, footpoint_of, wind_of
 
 TRACK_RECIPE = {
@@ -119,13 +119,11 @@ def more_than_times(
     dict
         Ready for JSON: ``triangulation`` and ``fused``.
     """
-
-    def _known() -> tuple[pd.DataFrame, DirectionTerms] | None:
-        return directed(timing.directions, timing.arrivals, grid.reference_utc)
-
+    terms = directed(timing.directions, timing.arrivals, grid.reference_utc)
+    known = Ingredients(grid, directions=terms, wind=known_wind(wind))
     return {
-        "triangulation": attempted(lambda: crossing(_known())),
-        "fused": attempted(lambda: fused(grid, _known(), wind, rotation_period_d, options)),
+        "triangulation": attempted(lambda: triangulation_companion(terms)),
+        "fused": attempted(lambda: fused_companion(known, rotation_period_d, options)),
     }
 
 

@@ -3,7 +3,6 @@
 from typing import Any
 
 import numpy as np
-import pandas as pd
 
 from bella.exceptions import InputError
 from bella.spacecraft import polar
@@ -21,15 +20,13 @@ NEAR_LN_F = 0.06
 """Channels of two spacecraft this near in the logarithm of frequency are taken for one."""
 
 
-def triangulation_companion(directions: pd.DataFrame | None, terms: DirectionTerms | None) -> dict[str, Any]:
+def triangulation_companion(terms: DirectionTerms | None) -> dict[str, Any]:
     """Sources at a few frequencies where the directions of two or more spacecraft come closest.
 
     Parameters
     ----------
-    directions : pandas.DataFrame or None
-        As :func:`bella.tracks.check_directions` returns it.
     terms : DirectionTerms or None
-        Of the same rows.
+        As :func:`bella.tracks.direction_terms` returns them; None where there are no directions.
 
     Returns
     -------
@@ -42,9 +39,9 @@ def triangulation_companion(directions: pd.DataFrame | None, terms: DirectionTer
     InputError
         If there are no directions, or no two spacecraft have one near the same frequency.
     """
-    if directions is None or terms is None:
+    if terms is None:
         raise InputError("there are no wave directions: they come with STEREO L3 and Wind RAD1 L3 files")
-    names = directions["observatory"].to_numpy()
+    names = np.array(terms.observatories)
     rows = [_row(frequency, names[near], terms, near) for frequency, near in _shared(names, terms.frequency_mhz)]
     if not rows:
         raise InputError("no two spacecraft have wave directions near the same frequency: add files of another")
