@@ -42,7 +42,7 @@ HOLES_NAME = re.compile(r"coronal-holes-(\d{8}T\d{4})\.csv", re.IGNORECASE)
 OLDEST_REGIONS = np.timedelta64(48, "h")
 """Regions of a time further away than this are not turned to that of a burst: they may be gone."""
 
-NEAREST_HOUR = pd.Timedelta(hours=6)
+HALF_HOUR, NEAREST_HOUR = np.timedelta64(30, "m"), np.timedelta64(6, "h")
 FILES_KEPT = 256
 LARGEST_LIST, LARGEST_REGIONS = 256 << 20, 1 << 20
 """Bytes: OMNI 2 of all years has 180 MB, and a summary of regions a few kB."""
@@ -99,10 +99,9 @@ class InSitu:
         dict of str to float
             By observatory, km/s, of the hour that holds it, or the nearest one with a measurement within six hours.
         """
-        hour, half = pd.Timestamp(utc), pd.Timedelta(minutes=30)
         found = {}
         for name, series in self.speeds.items():
-            apart = np.array([abs(start + half - hour) for start in series.index])
+            apart = np.abs(series.index.to_numpy() - (utc - HALF_HOUR))
             if apart.min() <= NEAREST_HOUR:
                 found[name] = float(series.iloc[int(apart.argmin())])
         return found
