@@ -1,15 +1,19 @@
 """What may stand in the query of an address. An unknown parameter is refused: a misspelt filter must not be ignored."""
 
 from datetime import UTC, date, datetime
-from typing import Literal
+from typing import Annotated, Literal
 from urllib.parse import urlencode
 
-from pydantic import BaseModel, ConfigDict, Field, field_validator
+from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, field_validator
 
 from bella.catalogue import BurstQuery, Solution
 from bella.exceptions import InputError, NoDataError
 
 TIME_HINT = "write a UTC time as 2012-06-07 or 2012-06-07T19:30:00Z"
+
+
+Asked = Annotated[str | None, BeforeValidator(lambda value: None if value == "" else value)]
+"""A field of a form, which sends what is not filled in as an empty text."""
 
 
 class _Query(BaseModel):
@@ -19,17 +23,12 @@ class _Query(BaseModel):
 class BurstFilter(_Query):
     """Which bursts are asked for; without parameters, all."""
 
-    start: str | None = Field(None, description="Bursts that start at this UTC time or later.", examples=["2012-06-01"])
-    stop: str | None = Field(None, description="Bursts that start before this UTC time.", examples=["2012-07-01"])
+    start: Asked = Field(None, description="Bursts that start at this UTC time or later.", examples=["2012-06-01"])
+    stop: Asked = Field(None, description="Bursts that start before this UTC time.", examples=["2012-07-01"])
     observatory: list[str] = Field([], description="Observatories that must all have heard the burst; repeatable.")
     without_flag: list[str] = Field([], description="Quality flags the burst must not have; repeatable.")
     limit: int = Field(50, ge=1, le=1000, description="Bursts per reply.")
-    cursor: str | None = Field(None, description="Where to go on: taken from `next` of the reply before.")
-
-    @field_validator("start", "stop", "cursor", mode="before")
-    @classmethod
-    def _empty_is_absent(cls, value: object) -> object:
-        return None if value == "" else value
+    cursor: Asked = Field(None, description="Where to go on: taken from `next` of the reply before.")
 
     @field_validator("observatory", "without_flag")
     @classmethod
@@ -84,14 +83,9 @@ class DetectionFilter(_Query):
 class DayFilter(_Query):
     """Which searched days are asked for; without parameters, the newest."""
 
-    first: str | None = Field(None, alias="from", description="This day or later.", examples=["2020-07-01"])
-    last: str | None = Field(None, alias="to", description="This day or earlier.", examples=["2020-07-31"])
+    first: Asked = Field(None, alias="from", description="This day or later.", examples=["2020-07-01"])
+    last: Asked = Field(None, alias="to", description="This day or earlier.", examples=["2020-07-31"])
     limit: int = Field(62, ge=1, le=366, description="Days per reply.")
-
-    @field_validator("first", "last", mode="before")
-    @classmethod
-    def _empty_is_absent(cls, value: object) -> object:
-        return None if value == "" else value
 
     def span(self) -> tuple[date | None, date | None]:
         """First and last day; None where there is no bound.
