@@ -3,11 +3,11 @@
 from collections.abc import Mapping
 from typing import Any
 
-from api.rendering import written_error
+from api.rendering import written_error, written_number
+from bella.flags import DISAGREE_SD
 
 Fit = Mapping[str, Any]
 INGREDIENTS = {"arrival_times": "arrival times", "wave_directions": "wave directions", "wind_prior": "measured wind"}
-DISAGREE = 3.0
 
 
 def crossing_words(companions: Fit) -> str:
@@ -32,7 +32,7 @@ def crossing_words(companions: Fit) -> str:
 
 def _placed(row: Fit) -> str:
     distance = written_error({"mean": row["range_rsun"], "sd": row["range_sd_rsun"]}, 0)
-    longitude = f"{row['longitude_deg']:.0f}°".replace("-", "\N{MINUS SIGN}")
+    longitude = f"{written_number(row['longitude_deg'])}°"
     where = " (behind a spacecraft)" if row["flags"] else ""
     return f"{row['frequency_mhz']:.2g} MHz at {distance} R☉, {longitude}{where}"
 
@@ -60,7 +60,7 @@ def _ingredient(one: Fit) -> str:
     if not one["sd_ratio"]:
         return f"{begin}; without them there is no track."
     longitude, wind = (f"{one['sd_ratio'][parameter]:.2f}" for parameter in ("phi0_deg", "v_sw_km_s"))
-    apart = " They contradict the others." if one["tension"] > DISAGREE else ""
+    apart = " They contradict the others." if one["tension"] > DISAGREE_SD else ""
     return (
         f"{begin}; with them the error of the longitude is {longitude} and that of the wind {wind} times what it is "
         f"without; {one['tension']:.1f} standard deviations from the others.{apart}"

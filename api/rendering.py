@@ -87,8 +87,13 @@ def written_error(parameter: Mapping[str, Any] | None, digits: int = 1) -> str:
     """Fitted parameter as mean ± sd; a dash where there is none."""
     if not parameter or parameter.get("mean") is None:
         return "\N{EN DASH}"
-    mean = f"{parameter['mean']:.{digits}f}".replace("-", "\N{MINUS SIGN}")
+    mean = written_number(parameter["mean"], digits)
     return f"{mean} ± {parameter['sd']:.{digits}f}" if parameter.get("sd") is not None else mean
+
+
+def written_number(value: float, digits: int = 0) -> str:
+    """Number with so many decimals and a real minus sign."""
+    return f"{value:.{digits}f}".replace("-", "\N{MINUS SIGN}")
 
 
 def _in_utc(moment: datetime) -> datetime:

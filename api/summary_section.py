@@ -3,7 +3,7 @@
 from collections.abc import Mapping
 from typing import Any
 
-from api.rendering import written_error
+from api.rendering import written_error, written_number
 from api.wording import flag_meaning
 
 Fit = Mapping[str, Any]
@@ -67,7 +67,8 @@ def _has_distance(row: Fit) -> bool:
 def _place(fit: Fit) -> str:
     """Longitude with its 95 % interval, and the wind of a fit, or that there is none."""
     phi0, wind = fit["phi0_deg"], fit.get("v_sw_km_s") or {}
-    within = "" if phi0.get("q2_5") is None else f" (95 %: {_signed(phi0['q2_5'])} to {_signed(phi0['q97_5'])}°)"
+    ends = [written_number(phi0[end]) for end in ("q2_5", "q97_5") if phi0.get(end) is not None]
+    within = f" (95 %: {' to '.join(ends)}°)" if ends else ""
     speed = f", in a wind of {written_error(wind, 0)} km/s" if wind.get("mean") is not None else ""
     if "not_a_spiral" in fit.get("flags", ()):
         speed = ", and no speed of the wind follows"
@@ -81,7 +82,3 @@ def _measured(fused: Fit) -> str:
     known = {"wave_directions": "wave directions", "wind_prior": "the wind measured in situ"}
     names = [known[one["name"]] for one in fused.get("ingredients", ()) if one["name"] in known]
     return f"With {' and '.join(names)}: {_place(fused)}." if names else ""
-
-
-def _signed(degrees: float) -> str:
-    return f"{degrees:.0f}".replace("-", "\N{MINUS SIGN}")

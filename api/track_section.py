@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 from api.direction_section import crossing_words, fused_words
 from api.model_section import model_words
 from api.remarks import remarks_of
-from api.rendering import written_error
+from api.rendering import written_error, written_number
 from api.scattering_section import ScatteringTable, scattering_table
 from api.schemas import SolutionReply
 from api.wind_section import footpoint_words, track_wind_words
@@ -161,7 +161,7 @@ def cell(fit: Fit, name: str, digits: int) -> Cell:
 def _within(value: Fit | None, digits: int) -> str:
     if not value or "contraction" not in value or value.get("q2_5") is None:
         return ""
-    low, high = (f"{value[end]:.{digits}f}".replace("-", "\N{MINUS SIGN}") for end in ("q2_5", "q97_5"))
+    low, high = (written_number(value[end], digits) for end in ("q2_5", "q97_5"))
     return f"{low} to {high}"
 
 

@@ -5,11 +5,10 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from api.rendering import written_error
+from api.rendering import written_error, written_number
 
 Fit = Mapping[str, Any]
 APART_SD = 2.0
-MINUS = "\N{MINUS SIGN}"
 
 
 @dataclass(frozen=True)
@@ -103,10 +102,10 @@ def _line(line: Fit, joint: Fit) -> str:
         return f"No field line: {line['reason']}."
     apart, sd = line["apart_deg"], math.hypot(line["phi0_deg"]["sd"], joint["phi0_deg"]["sd"])
     verdict = "more than" if abs(apart) > APART_SD * sd else "within what"
-    turned = f"{_whole(abs(apart))}° {'west' if apart >= 0 else 'east'} of the spiral"
+    turned = f"{written_number(abs(apart))}° {'west' if apart >= 0 else 'east'} of the spiral"
     return (
         f"The field line of this wind through the spiral at {line['through_rsun']:.0f} R☉, the middle of the track, "
-        f"meets the Sun at {_whole(line['phi0_deg']['mean'])}°, {turned}, {verdict} their errors allow."
+        f"meets the Sun at {written_number(line['phi0_deg']['mean'])}°, {turned}, {verdict} their errors allow."
     )
 
 
@@ -134,17 +133,17 @@ def footpoint_words(foot: Fit) -> str:
 
 
 def _interval(longitude: Fit) -> str:
-    low68, high68, low95, high95 = (_whole(longitude[end]) for end in ("q16", "q84", "q2_5", "q97_5"))
-    return f"{_whole(longitude['mean'])}° (68 %: {low68} to {high68}°, 95 %: {low95} to {high95}°)"
+    low68, high68, low95, high95 = (written_number(longitude[end]) for end in ("q16", "q84", "q2_5", "q97_5"))
+    return f"{written_number(longitude['mean'])}° (68 %: {low68} to {high68}°, 95 %: {low95} to {high95}°)"
 
 
 def _connection(one: Fit) -> str:
     if "connection_angle_deg" not in one:
         return "not known"
-    ends = (_whole(one[f"at_{speed}_km_s_deg"]) for speed in (600, 300))
+    ends = (written_number(one[f"at_{speed}_km_s_deg"]) for speed in (600, 300))
     kind = "measured" if one.get("measured") else "assumed"
     wind = f"by {one.get('v_sw_km_s', 400.0):.0f} km/s, {kind}"
-    return f"{_whole(one['connection_angle_deg']['mean'])}° {wind} ({' to '.join(ends)}°)"
+    return f"{written_number(one['connection_angle_deg']['mean'])}° {wind} ({' to '.join(ends)}°)"
 
 
 def _regions(regions: Fit) -> str:
@@ -163,8 +162,4 @@ def _regions(regions: Fit) -> str:
 
 def _region(one: Fit) -> str:
     inside = "" if one["matches"] else ", outside the 95 % interval"
-    return f"{one['kind']} {one['name']} at {_whole(one['longitude_deg'])}°, {one['probability']:.2f}{inside}"
-
-
-def _whole(value: float) -> str:
-    return f"{value:.0f}".replace("-", MINUS)
+    return f"{one['kind']} {one['name']} at {written_number(one['longitude_deg'])}°, {one['probability']:.2f}{inside}"

@@ -14,6 +14,7 @@ from rich.table import Table
 from bella.cli_ephemeris import know_updates
 from bella.cli_output import write_whole
 from bella.exceptions import InputError
+from bella.flags import REJECTED
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -116,7 +117,7 @@ def write_table(table: "pd.DataFrame", path: Path) -> None:
 
 def _shown(table: "pd.DataFrame") -> Table:
     shown = Table(*SHOWN, box=SIMPLE_HEAD, pad_edge=False, caption_justify="left")
-    for row in json.loads(table[table["tier"] != "rejected"].to_json(orient="records", date_format="iso")):
+    for row in json.loads(table[table["tier"] != REJECTED].to_json(orient="records", date_format="iso")):
         band = f"{row['f_low_mhz']:.2f}-{row['f_high_mhz']:.3g}"
         verdict = row["reason"].removeprefix("not localisable: ") or row["tier"]
         onset = row["start_utc"][:16].replace("T", " ")

@@ -3,6 +3,12 @@
 APPARENT_SOURCE = "apparent source: not corrected for scattering"
 """Stands beside every position, and every fit to positions or arrival times, that was not corrected."""
 
+LOCALISABLE, CATALOGUED, REJECTED = "localisable", "catalogued", "rejected"
+"""Tiers of a detection."""
+
+DISAGREE_SD = 3.0
+"""Tension, in standard deviations, from which the ingredients of a fit disagree."""
+
 NOT_CONSTRAINED = 0.9
 """A parameter whose posterior is wider than this share of its prior has not been measured."""
 

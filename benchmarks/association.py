@@ -5,9 +5,10 @@ from datetime import date, timedelta
 
 import numpy as np
 
-from bella.bursts.association import LOCALISABLE, AssociatedBurst, Member, associate
+from bella.bursts.association import AssociatedBurst, Member, associate
 from bella.bursts.detection import onset_records, search
 from bella.bursts.search_grid import FREQUENCY_MHZ, STEP_S
+from bella.flags import LOCALISABLE
 from bella.simulation.archive_days import sky_of
 from bella.simulation.burst import SimulatedBurst, arrival_s, contrast_at
 from bella.simulation.sky import Sky

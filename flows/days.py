@@ -12,9 +12,9 @@ import structlog
 import xarray as xr
 
 import bella
-from bella.bursts.association import LOCALISABLE, AssociatedBurst, Member, associate, association_table
+from bella.bursts.association import AssociatedBurst, Member, associate, association_table
 from bella.bursts.channel_arrivals import channel_arrivals
-from bella.bursts.detection import CATALOGUED, search
+from bella.bursts.detection import search
 from bella.bursts.edges import METHOD_OF_EDGE
 from bella.bursts.timing import (
     TimedBurst,
@@ -26,6 +26,7 @@ from bella.bursts.timing import (
 )
 from bella.catalogue import Burst, BurstQuery, Catalogue, Detection, SearchedDay, SourceFile
 from bella.exceptions import BellaError, InputError, NoDataError
+from bella.flags import CATALOGUED, LOCALISABLE
 from bella.settings import Settings
 from bella.spectra import by_observatory, open_spectra
 from bella.spectra.archive import DayInMirror

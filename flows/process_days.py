@@ -14,9 +14,10 @@ import structlog
 from prefect import flow
 
 import bella
-from bella.bursts.association import LOCALISABLE, AssociatedBurst
+from bella.bursts.association import AssociatedBurst
 from bella.catalogue import Catalogue, Detection
 from bella.exceptions import BellaError
+from bella.flags import LOCALISABLE
 from bella.logs import log_to
 from bella.settings import Settings
 from bella.spectra.archive import DayInMirror, fetch_days, find_datasets, open_archive

@@ -10,7 +10,7 @@ import xarray as xr
 
 from bella.arrivals import arrival_grid, check_arrivals, locate_receivers
 from bella.bursts import EVENT, fit_time_evolution, half_maximum_arrivals, published_arrivals, spectrum_edges
-from bella.bursts.association import LOCALISABLE, AssociatedBurst, associate
+from bella.bursts.association import AssociatedBurst, associate
 from bella.bursts.detection import search
 from bella.bursts.event import REFERENCE_UTC
 from bella.bursts.timing import (
@@ -20,6 +20,7 @@ from bella.bursts.timing import (
     timed_burst,
     why_not_timed,
 )
+from bella.flags import LOCALISABLE
 from bella.multilateration import localise
 from bella.spectra import combine_receivers, event_spectra, open_spectra
 from bella.tracks.joint import fit_joint

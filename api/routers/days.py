@@ -18,10 +18,10 @@ from api.service import CatalogueHere, ServiceHere
 from api.wording import NOT_COMPARED
 from bella.catalogue import BurstQuery, Catalogue, DayPage, DaySummary, Detection
 from bella.exceptions import InputError, NoDataError
+from bella.flags import REJECTED
 
 router = APIRouter(include_in_schema=False)
 
-REJECTED = "rejected"
 FIELDS = ("from", "to", "limit")
 AROUND = timedelta(hours=1)
 """A burst keeps the onset under which it was first published; later data may move it past midnight."""

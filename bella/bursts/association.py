@@ -13,7 +13,6 @@ import pandas as pd
 
 from bella.bursts.detection import (
     APART_RECORDS,
-    CATALOGUED,
     GROUP,
     Candidate,
     Searched,
@@ -27,6 +26,7 @@ from bella.bursts.identity import burst_id
 from bella.bursts.matched_filter import BEAM_SPEEDS_C
 from bella.bursts.search_grid import FREQUENCY_MHZ, STEP_S
 from bella.exceptions import InputError, NoDataError
+from bella.flags import CATALOGUED, LOCALISABLE
 from bella.spacecraft import position_hee
 from bella.units import C_RSUN_S, FloatArray
 
@@ -47,8 +47,6 @@ WEAK_SCORE = 16.0
 
 SLOWEST = 0
 """Index of the slowest beam: what drifts like it, or slower, may be a lane of a Type II burst."""
-
-LOCALISABLE = "localisable"
 
 
 @dataclass(frozen=True)

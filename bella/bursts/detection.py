@@ -16,6 +16,7 @@ import xarray as xr
 from bella.bursts.matched_filter import BEAM_SPEEDS_C, Match, channel_match, drift_delays_s, drift_match
 from bella.bursts.search_grid import FREQUENCY_MHZ, STEP_S, SearchGrid, over_quiet, search_grid
 from bella.bursts.widths import decay_s
+from bella.flags import CATALOGUED, REJECTED
 from bella.units import FloatArray
 
 DETECTION_COLUMNS = {
@@ -78,7 +79,6 @@ SMOOTHED_SHARE_OF_DECAY = 0.5
 
 NO_SUPPORT, NO_DRIFT, TOO_LONG = "few_channels_above_0.8_mhz", "no_drift", "lasts_too_long"
 GROUP, GAP = "group", "gap_in_flank"
-CATALOGUED, REJECTED = "catalogued", "rejected"
 
 
 class Candidate(NamedTuple):

@@ -10,9 +10,9 @@ from bella.catalogue.engine import reading
 from bella.catalogue.models import DetectionRow, SearchedDayRow, table_of
 from bella.catalogue.records import DayPage, DaySummary, Detection
 from bella.exceptions import InputError
+from bella.flags import LOCALISABLE, REJECTED
 
 MAX_DAYS = 366
-LOCALISABLE, REJECTED = "localisable", "rejected"
 _DAYS, _DETECTIONS = table_of(SearchedDayRow), table_of(DetectionRow)
 _REACH = timedelta(days=1)
 """No onset is farther from the day of its burst; onsets have an index, days of detections have none."""

@@ -16,11 +16,11 @@ from matplotlib.patches import Rectangle
 from matplotlib.text import Annotation
 from scipy.optimize import isotonic_regression
 
+from bella.flags import CATALOGUED, LOCALISABLE, REJECTED
 from bella.plotting.tables import day_numbers, require_columns
 from bella.units import FloatArray
 
 BOX_COLUMNS = ("observatory", "start_utc", "end_utc", "f_low_mhz", "f_high_mhz", "score", "tier", "reason")
-LOCALISABLE, CATALOGUED, REJECTED = "localisable", "catalogued", "rejected"
 
 ROOM_SHARE, ROOM_BAND_SHARE = 0.003, 0.012
 """Between a burst and its box, as shares of the time and of the logarithm of the band that are shown."""

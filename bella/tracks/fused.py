@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 from scipy.stats import chi2, norm
 
+from bella.flags import DISAGREE_SD
 from bella.tracks.joint import fit_ingredients
 from bella.tracks.joint_fit import RELEASE, JointFit, joint_json
 from bella.tracks.joint_ingredients import Ingredients, JointOptions
@@ -20,8 +21,6 @@ from bella.tracks.joint_observed import Observed
 from bella.tracks.joint_robust import robust_modes
 from bella.units import within_half_turn_deg
 
-DISAGREE = 3.0
-"""Tension from which ingredients disagree."""
 LEAST_SHARED = 0.5
 """Parameters measured twice, at least: of fewer nothing can be said."""
 HIGHEST_TENSION = 37.0
@@ -98,7 +97,7 @@ def fit_fused(known: Ingredients, model: JointModel | None = None, options: Join
     weights = tuple(
         _weight(name, tension[name], fit, fit_ingredients(known.without(name), chosen, fast)) for name in known.names
     )
-    if max(tension.values()) > DISAGREE:
+    if max(tension.values()) > DISAGREE_SD:
         fit = replace(fit, flags=(*fit.flags, "ingredients_disagree"))
     return FusedFit(fit, weights)
 

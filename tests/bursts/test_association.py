@@ -10,14 +10,14 @@ import pytest
 from pandas.testing import assert_frame_equal
 
 from bella.bursts.association import (
-    LOCALISABLE,
     AssociatedBurst,
     _named,
     associate,
     association_table,
     has_position,
 )
-from bella.bursts.detection import APART_RECORDS, CATALOGUED, DETECTION_COLUMNS, Searched, search
+from bella.bursts.detection import APART_RECORDS, DETECTION_COLUMNS, Searched, search
+from bella.flags import CATALOGUED, LOCALISABLE
 from bella.simulation.archive_days import sky_of
 from bella.simulation.nuisances import JovianArc
 from bella.simulation.sky import Sky
