@@ -5,9 +5,12 @@ the edge arrived and its timing error. As a file it is a CSV with the columns ``
 arrival_utc, sigma_s, edge, flag`` and, for observatories the ephemeris does not know, ``x_rsun, y_rsun, z_rsun``
 (HEE). Lines that begin with ``#`` are comments.
 
-Three more columns say what is known of errors that ``sigma_s`` does not hold: ``delay_s`` and ``delay_sd_s``, by how
-much the edge was late beyond light travel (scattering) and how well that is known, row by row; and ``offset_sd_s``, the
-size of the timing offset that all channels of an observatory share (sample grid, clock).
+The noise model of a table, the same for every method: each row has an independent error ``sigma_s``; an error
+``shape_sd_s`` that is smooth along frequency within an observatory, with the correlation length in ln f that the line
+``# shape_length_ln_f: 0.5`` above the header states; and an offset ``offset_sd_s`` that all channels of an observatory share (sample
+grid, clock). ``delay_s`` is a known delay beyond light travel; its error ``delay_sd_s`` is smooth along frequency too.
+A full covariance of all rows may stand in for ``sigma_s``, ``shape_sd_s`` and ``offset_sd_s``. ``rise_s`` is the half
+width of the rise, which scales the delay of a receiver that the source does not point to.
 """
 
 from dataclasses import dataclass, field, replace
@@ -17,9 +20,11 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 import pandas as pd
+import xarray as xr
 
 from bella.csv_tables import parse_table, read_table_text
 from bella.exceptions import InputError
+from bella.heliosphere.scattering import rise_s
 from bella.spacecraft import position_hee
 from bella.units import AU_RSUN, DAY_S, FloatArray
 
@@ -27,8 +32,15 @@ IntArray = npt.NDArray[np.intp]
 
 REQUIRED = ("observatory", "frequency_mhz", "arrival_utc", "sigma_s", "edge")
 POSITION = ("x_rsun", "y_rsun", "z_rsun")
-NUISANCE = ("delay_s", "delay_sd_s", "offset_sd_s")
-OPTIONAL = ("flag", *POSITION, *NUISANCE)
+NUISANCE = ("shape_sd_s", "offset_sd_s", "delay_s", "delay_sd_s")
+RISE = "rise_s"
+OPTIONAL = ("flag", *POSITION, *NUISANCE, RISE)
+SHAPE_LENGTH = "shape_length_ln_f"
+"""Name, in the header of a table, of the correlation length of ``shape_sd_s``."""
+
+SHAPE_LENGTH_LN_F = 0.5
+"""The same where a table does not state it: that of the errors of edges of eight families of light curves."""
+
 MIN_OBSERVATORIES = 3
 MAX_ROWS = 100_000
 SPACE_AGE = (1957, 2200)
@@ -51,10 +63,18 @@ class ArrivalGrid:
         Arrival time after `reference_utc` and its standard deviation; NaN where an observatory has no row.
     receiver_rsun : ndarray, shape (F, n, 3)
         HEE position of the receiver at its arrival time, solar radii; NaN where there is no row.
-    delay_s, delay_sd_s : ndarray, shape (F, n)
-        Delay beyond light travel, and its standard deviation.
+    shape_sd_s : ndarray, shape (F, n)
+        Standard deviation of the error that is smooth along frequency within a receiver.
     offset_sd_s : ndarray, shape (F, n)
         Standard deviation of the timing offset that a receiver has at all frequencies; one value per column.
+    delay_s, delay_sd_s : ndarray, shape (F, n)
+        Known delay beyond light travel, and the standard deviation of its error.
+    rise_s : ndarray, shape (F, n)
+        Half width of the rise; that of a typical burst where the table has none.
+    shape_length_ln_f : float
+        Correlation length, in ln f, of the errors that are smooth along frequency.
+    measured_s2 : ndarray, shape (F, n, F, n), or None
+        Full covariance of the arrival times, in place of `sigma_s`, `shape_sd_s` and `offset_sd_s`.
     reference_utc : numpy.datetime64
         Also the epoch of the HEE axes.
     edge : str
@@ -67,18 +87,63 @@ class ArrivalGrid:
     receiver_rsun: FloatArray
     reference_utc: np.datetime64
     edge: str
+    shape_sd_s: FloatArray = field(default_factory=partial(np.zeros, ()))
+    offset_sd_s: FloatArray = field(default_factory=partial(np.zeros, ()))
     delay_s: FloatArray = field(default_factory=partial(np.zeros, ()))
     delay_sd_s: FloatArray = field(default_factory=partial(np.zeros, ()))
-    offset_sd_s: FloatArray = field(default_factory=partial(np.zeros, ()))
+    rise_s: FloatArray | None = None
+    shape_length_ln_f: float = SHAPE_LENGTH_LN_F
+    measured_s2: FloatArray | None = None
 
     def __post_init__(self) -> None:
-        for name in NUISANCE:
+        if self.rise_s is None:
+            object.__setattr__(self, RISE, rise_s(self.frequency_mhz)[:, None])
+        for name in (*NUISANCE, RISE):
             object.__setattr__(self, name, np.broadcast_to(getattr(self, name), self.arrival_s.shape))
 
     def take(self, rows: npt.NDArray[np.bool_] | npt.NDArray[np.intp]) -> "ArrivalGrid":
         """Keep the named frequencies only."""
-        per_frequency = ("frequency_mhz", "arrival_s", "sigma_s", "receiver_rsun", *NUISANCE)
-        return replace(self, **{name: getattr(self, name)[rows] for name in per_frequency})
+        per_frequency = ("frequency_mhz", "arrival_s", "sigma_s", "receiver_rsun", *NUISANCE, RISE)
+        measured = None if self.measured_s2 is None else self.measured_s2[rows][:, :, rows]
+        return replace(self, **{name: getattr(self, name)[rows] for name in per_frequency}, measured_s2=measured)
+
+    def covariance_s2(self) -> FloatArray:
+        """Covariance of all arrival times: the noise model, stated once.
+
+        Returns
+        -------
+        ndarray, shape (N, N)
+            s^2, of the N finite arrival times in the order of `arrival_s` with the frequency first.
+        """
+        row, column = np.nonzero(np.isfinite(self.arrival_s))
+        same = column[:, None] == column
+        apart = np.subtract.outer(*2 * [np.log(self.frequency_mhz[row])])
+        smooth = np.exp(-0.5 * (apart / self.shape_length_ln_f) ** 2)
+        delay = self.delay_sd_s[row, column]
+        delay_s2 = np.where(same, np.outer(delay, delay) * smooth, 0.0)
+        if self.measured_s2 is not None:
+            return np.asarray(self.measured_s2[row[:, None], column[:, None], row, column] + delay_s2)
+        shape, offset = self.shape_sd_s[row, column], self.offset_sd_s[row, column]
+        shared = np.outer(shape, shape) * smooth + np.outer(offset, offset)
+        return np.asarray(np.diag(self.sigma_s[row, column] ** 2) + np.where(same, shared, 0.0) + delay_s2)
+
+    def covariances_s2(self) -> FloatArray:
+        """Covariance of the arrival times of each frequency, between the receivers.
+
+        Returns
+        -------
+        ndarray, shape (F, n, n)
+            s^2; NaN in the rows and columns of receivers that have no arrival time.
+        """
+        number = len(self.observatories)
+        if self.measured_s2 is None:
+            variance = self.sigma_s**2 + self.shape_sd_s**2 + self.offset_sd_s**2 + self.delay_sd_s**2
+            covariance = np.where(np.eye(number, dtype=bool), variance[:, None, :], 0.0)
+        else:
+            place = np.arange(self.frequency_mhz.size)
+            covariance = self.measured_s2[place, :, place] + np.eye(number) * self.delay_sd_s[:, None, :] ** 2
+        absent = ~np.isfinite(self.arrival_s)
+        return np.where(absent[:, :, None] | absent[:, None, :], np.nan, covariance)
 
 
 def read_arrivals(path: Path) -> pd.DataFrame:
@@ -123,7 +188,9 @@ def parse_arrivals(text: str, *, source: str = "arrival table") -> pd.DataFrame:
     return check_arrivals(parse_table(text, source), source=source)
 
 
-def check_arrivals(frame: pd.DataFrame, *, source: str = "arrival table") -> pd.DataFrame:
+def check_arrivals(
+    frame: pd.DataFrame, *, source: str = "arrival table", heard_by: int = MIN_OBSERVATORIES
+) -> pd.DataFrame:
     """Check an arrival table and give its columns their types.
 
     Parameters
@@ -132,12 +199,15 @@ def check_arrivals(frame: pd.DataFrame, *, source: str = "arrival table") -> pd.
         At least the columns `REQUIRED`; text or typed.
     source : str
         What the table is called in error messages.
+    heard_by : int
+        So many observatories there must be.
 
     Returns
     -------
     pandas.DataFrame
-        Columns `REQUIRED` + `OPTIONAL`, rows in the order given; ``arrival_utc`` is datetime64[ns] in UTC, positions
-        are NaN and delays and offsets 0 where the table has none.
+        Columns `REQUIRED` + `OPTIONAL`, rows in the order given; ``arrival_utc`` is datetime64[ns] in UTC; positions
+        are NaN, the terms of the noise 0 and ``rise_s`` that of a typical burst where the table has none. `attrs`
+        holds the correlation length as a number.
 
     Raises
     ------
@@ -161,7 +231,11 @@ def check_arrivals(frame: pd.DataFrame, *, source: str = "arrival table") -> pd.
             **{name: _nuisance(frame, name, source) for name in NUISANCE},
         }
     )
+    given = _nuisance(frame, RISE, source)
+    table[RISE] = np.where(given > 0, given, rise_s(table["frequency_mhz"].to_numpy()))
+    table.attrs = {SHAPE_LENGTH: _shape_length(frame, source)}
     _check_rows_agree(table, source)
+    _check_observatories(table, source, heard_by)
     return table
 
 
@@ -191,9 +265,59 @@ def arrivals_csv(frame: pd.DataFrame) -> str:
     """
     stamps = np.datetime_as_string(frame["arrival_utc"].to_numpy("datetime64[ms]"))
     table = frame.assign(arrival_utc=[f"{stamp}Z" for stamp in stamps])
-    unplaced = [name for name in POSITION if table[name].isna().all()]
-    unneeded = [name for name in NUISANCE if not table[name].any()]
-    return table.drop(columns=unplaced + unneeded).to_csv(index=False, float_format="%.10g", lineterminator="\n")
+    unneeded = [name for name in POSITION if table[name].isna().all()]
+    unneeded += [name for name in NUISANCE if not table[name].any()]
+    if np.allclose(table[RISE], rise_s(table["frequency_mhz"].to_numpy())):
+        unneeded.append(RISE)
+    length = frame.attrs.get(SHAPE_LENGTH, SHAPE_LENGTH_LN_F)
+    header = "" if "shape_sd_s" in unneeded else f"# {SHAPE_LENGTH}: {length:g}\n"
+    return header + table.drop(columns=unneeded).to_csv(index=False, float_format="%.10g", lineterminator="\n")
+
+
+def write_covariance(covariance_s2: FloatArray, path: Path) -> None:
+    """Write the full covariance of an arrival table as netCDF.
+
+    Parameters
+    ----------
+    covariance_s2 : ndarray, shape (N, N)
+        s^2, of the rows of the table in their order.
+    path : Path
+    """
+    described = {"units": "s2", "long_name": "covariance of the arrival times, rows in the order of the table"}
+    xr.Dataset({"covariance_s2": (("row", "row_other"), covariance_s2, described)}).to_netcdf(path, engine="h5netcdf")
+
+
+def read_covariance(path: Path, rows: int) -> FloatArray:
+    """Read the full covariance of an arrival table.
+
+    Parameters
+    ----------
+    path : Path
+    rows : int
+        Of the table.
+
+    Returns
+    -------
+    ndarray, shape (rows, rows)
+        s^2.
+
+    Raises
+    ------
+    InputError
+        If it cannot be read, has another shape, or is no covariance.
+    """
+    try:
+        with xr.open_dataset(path, engine="h5netcdf") as stored:
+            covariance = stored["covariance_s2"].to_numpy().astype(np.float64)
+    except (OSError, KeyError, ValueError) as error:
+        raise InputError(f"{path}: no covariance_s2 can be read ({error}); give what bella arrivals wrote") from error
+    if covariance.shape != (rows, rows):
+        raise InputError(
+            f"{path}: covariance_s2 is {covariance.shape}, the table has {rows} rows; give those of one run"
+        )
+    if not np.isfinite(covariance).all() or np.linalg.eigvalsh(covariance).min() <= 0:
+        raise InputError(f"{path}: covariance_s2 is not that of errors; every eigenvalue must be above 0")
+    return covariance
 
 
 def locate_receivers(frame: pd.DataFrame, *, source: str = "arrival table") -> pd.DataFrame:
@@ -243,7 +367,11 @@ def reference_utc(frame: pd.DataFrame) -> np.datetime64:
 
 
 def arrival_grid(
-    frame: pd.DataFrame, *, source: str = "arrival table", heard_by: int = MIN_OBSERVATORIES
+    frame: pd.DataFrame,
+    *,
+    source: str = "arrival table",
+    heard_by: int = MIN_OBSERVATORIES,
+    covariance_s2: FloatArray | None = None,
 ) -> ArrivalGrid:
     """Arrange a located arrival table on frequencies x observatories.
 
@@ -255,6 +383,8 @@ def arrival_grid(
         What the table is called in error messages.
     heard_by : int
         Frequencies of fewer observatories are left out.
+    covariance_s2 : ndarray, shape (N, N), optional
+        Full covariance of the rows of the table.
 
     Returns
     -------
@@ -278,6 +408,9 @@ def arrival_grid(
         epoch,
         str(frame["edge"].iloc[0]),
         **{name: np.nan_to_num(_spread(frame[name].to_numpy(), row, column, names)) for name in NUISANCE},
+        rise_s=_spread(frame[RISE].to_numpy(), row, column, names),
+        shape_length_ln_f=frame.attrs.get(SHAPE_LENGTH, SHAPE_LENGTH_LN_F),
+        measured_s2=None if covariance_s2 is None else _spread_pairs(covariance_s2, row, column, names),
     )
     enough = np.isfinite(grid.arrival_s).sum(axis=1) >= heard_by
     if not enough.any():
@@ -292,6 +425,24 @@ def _spread(values: FloatArray, row: IntArray, column: IntArray, names: tuple[st
     grid = np.full((row.max() + 1, len(names), *values.shape[1:]), np.nan)
     grid[row, column] = values
     return grid
+
+
+def _spread_pairs(values: FloatArray, row: IntArray, column: IntArray, names: tuple[str, ...]) -> FloatArray:
+    frequencies, number = row.max() + 1, len(names)
+    place = row * number + column
+    pairs = np.full((frequencies * number, frequencies * number), np.nan)
+    pairs[np.ix_(place, place)] = values
+    return pairs.reshape(frequencies, number, frequencies, number)
+
+
+def _shape_length(frame: pd.DataFrame, source: str) -> float:
+    stated = frame.attrs.get(SHAPE_LENGTH, SHAPE_LENGTH_LN_F)
+    length = pd.to_numeric(stated, errors="coerce")
+    if not 0 < length <= 10:
+        raise InputError(
+            f"{source}: {SHAPE_LENGTH} {stated!r} is not above 0 and at most 10; write {SHAPE_LENGTH_LN_F}"
+        )
+    return float(length)
 
 
 def _reject(bad: npt.NDArray[np.bool_], frame: pd.DataFrame, column: str, source: str, reason: str) -> None:
@@ -380,9 +531,11 @@ def _check_rows_agree(table: pd.DataFrame, source: str) -> None:
     shared = table.groupby("observatory")["offset_sd_s"].transform("first")
     unequal = (table["offset_sd_s"] != shared).to_numpy()
     _reject(unequal, table, "offset_sd_s", source, "differs between rows of one observatory; all its channels share it")
-    heard_by = sorted(set(table["observatory"]))
-    if len(heard_by) < MIN_OBSERVATORIES:
+
+
+def _check_observatories(table: pd.DataFrame, source: str, heard_by: int) -> None:
+    names = sorted(set(table["observatory"]))
+    if len(names) < heard_by:
         raise InputError(
-            f"{source}: column observatory: only {', '.join(heard_by)}; "
-            f"timing needs {MIN_OBSERVATORIES} or more spacecraft"
+            f"{source}: column observatory: only {', '.join(names)}; timing needs {heard_by} or more spacecraft"
         )

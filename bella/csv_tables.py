@@ -31,7 +31,7 @@ def read_table_text(path: Path) -> str:
 
 
 def parse_table(text: str, source: str) -> pd.DataFrame:
-    """Cells of a CSV table, all of them text; lines that begin with # are comments.
+    """Cells of a CSV table, all of them text; lines that begin with # are comments, of which some state a number.
 
     Parameters
     ----------
@@ -42,18 +42,22 @@ def parse_table(text: str, source: str) -> pd.DataFrame:
     Returns
     -------
     pandas.DataFrame
+        With what comments such as ``# name: text`` state in `attrs`.
 
     Raises
     ------
     InputError
         If it is no table, or its heading has fewer fields than its rows.
     """
-    lines = [line for line in io.StringIO(text.removeprefix("\ufeff"), newline=None) if not line.startswith("#")]
+    lines = list(io.StringIO(text.removeprefix("\ufeff"), newline=None))
+    rows = [line for line in lines if not line.startswith("#")]
     try:
-        frame = pd.read_csv(io.StringIO("".join(lines)), dtype=str, keep_default_na=False, skipinitialspace=True)
+        frame = pd.read_csv(io.StringIO("".join(rows)), dtype=str, keep_default_na=False, skipinitialspace=True)
     except (pd.errors.ParserError, pd.errors.EmptyDataError, ValueError) as error:
         reason = " ".join(str(error).split())
         raise InputError(f"{source}: is not a CSV table ({reason}); its first line must name the columns") from error
     if not isinstance(frame.index, pd.RangeIndex):
-        raise InputError(f"{source}: row 1 has more fields than the heading names; give as many of one as of the other")
+        raise InputError(f"{source}: row 1 has more columns than the header; check the separators")
+    stated = (line[1:].partition(":") for line in lines if line.startswith("#") and ":" in line)
+    frame.attrs = {name.strip(): value.strip() for name, _, value in stated}
     return frame

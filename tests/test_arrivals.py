@@ -164,7 +164,7 @@ def test_what_is_not_a_table_is_refused(text) -> None:
 
 
 def test_rows_longer_than_the_heading_are_called_that() -> None:
-    assert "more fields than the heading" in refusal("\n".join([HEADING] + [row + "," for row in ROWS]))
+    assert "more columns than the header" in refusal("\n".join([HEADING] + [row + "," for row in ROWS]))
 
 
 def test_files_that_cannot_be_read_are_refused(tmp_path) -> None:

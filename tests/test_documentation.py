@@ -9,7 +9,7 @@ import yaml
 
 import bella
 from api.app import create_app
-from bella.arrivals import NUISANCE
+from bella.arrivals import NUISANCE, RISE
 from bella.flags import COMPANION_FLAGS, EDGE_FLAGS, LOCALISATION_FLAGS, TRACK_FLAGS
 from bella.multilateration import METHODS, PRESETS
 from bella.settings import Settings
@@ -64,7 +64,7 @@ def test_every_method_preset_and_nuisance_is_described() -> None:
     text = (ROOT / "docs" / "localisation.md").read_text(encoding="utf-8")
     cells = re.findall(r"^\| ((?:`[\w-]+`(?:, )?)+) \|", text, flags=re.MULTILINE)
     named = {name for cell in cells for name in re.findall(r"`([\w-]+)`", cell)}
-    assert named == {*METHODS, *PRESETS, *NUISANCE}
+    assert named == {*METHODS, *PRESETS, *NUISANCE, RISE}
 
 
 def test_every_route_stands_in_the_page_about_the_api() -> None:
