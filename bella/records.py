@@ -65,6 +65,9 @@ class NoiseOfEdges(Record):
 
     shape: float = Field(description="Error that is smooth along frequency within a spacecraft.")
     channel: float = Field(description="Error of each channel on its own.")
+    added: float = Field(
+        default=0.0, description="Part of `shape` that the table does not state: the track asks for it."
+    )
     kappa: Parameter | None = Field(default=None, description="Delay of a receiver that the source does not point to.")
 
 
