@@ -12,7 +12,8 @@ import numpy as np
 from scipy.linalg import cho_factor, cho_solve
 
 from bella.arrivals import ArrivalGrid
-from bella.tracks.model import Rows, Track
+from bella.tracks.directions import DirectionTerms
+from bella.tracks.model import STEP, Rows, Track
 from bella.units import FloatArray
 
 
@@ -83,10 +84,13 @@ class Likelihood:
     ----------
     track : Track
     seen : Evidence
+    directions : DirectionTerms or None
+        Wave directions of the burst, within the band of the track.
     """
 
     track: Track
     seen: Evidence
+    directions: DirectionTerms | None = None
 
     @cached_property
     def emission_s2(self) -> FloatArray:
@@ -117,9 +121,32 @@ class Likelihood:
         """Misfit of residuals, shape (B,)."""
         return np.asarray(np.einsum("bn,bn->b", residual_s @ self.weight, residual_s))
 
+    def turned(self, phi0_rad: FloatArray, z: FloatArray) -> FloatArray:
+        """Residuals of the wave directions in units of their errors, shape (B, 2 K); none without directions."""
+        if self.directions is None:
+            return np.zeros((len(z), 0))
+        range_rsun = self.track.range_rsun(z, self.track.basis(self.directions.frequency_mhz))
+        return self.directions.residual(self.track.position_rsun(phi0_rad, z, range_rsun))
+
     def log_density(self, phi0_rad: FloatArray, z: FloatArray) -> FloatArray:
         """Log of likelihood times prior, up to the normalisation of the prior of z and phi0, shape (B,)."""
-        return self.log_norm - 0.5 * (self.chi2(self.residual_s(phi0_rad, z)) + (z**2).sum(axis=-1))
+        angles = 0.0 if self.directions is None else (self.turned(phi0_rad, z) ** 2).sum(axis=-1)
+        norm = self.log_norm + (0.5 * self.directions.log_norm if self.directions is not None else 0.0)
+        return np.asarray(norm - 0.5 * (self.chi2(self.residual_s(phi0_rad, z)) + angles + (z**2).sum(axis=-1)))
+
+    def normal_equations(self, phi0_rad: FloatArray, z: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Gauss-Newton's matrix, shape (B, P, P), and the gradient of the log density, shape (B, P)."""
+        residual_s = self.residual_s(phi0_rad, z)
+        slope = self.track.slopes_s(phi0_rad, z, self.seen.rows)[:, :-1]
+        weighed = (slope.reshape(-1, slope.shape[-1]) @ self.weight).reshape(slope.shape)
+        matrix = np.einsum("bpn,bqn->bpq", weighed, slope, optimize=True) + np.eye(z.shape[1])
+        gradient = np.einsum("bpn,bn->bp", weighed, residual_s) - z
+        if self.directions is None:
+            return matrix, gradient
+        now = self.turned(phi0_rad, z)
+        beside = [self.turned(phi0_rad, z + STEP * one) for one in np.eye(z.shape[1])]
+        turn = (np.stack(beside, axis=1) - now[:, None]) / STEP
+        return matrix + turn @ turn.transpose(0, 2, 1), gradient - np.einsum("bpk,bk->bp", turn, now)
 
     def emission(self, residual_s: FloatArray, frequency_mhz: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Posterior of the marginalised part of the time of emission, given tracks.

@@ -7,11 +7,13 @@ with a power law for the density and beams that keep their speed or slow down, a
 import math
 from dataclasses import dataclass, field
 from functools import cached_property
+from itertools import pairwise
 from typing import Literal
 
 import numpy as np
 from scipy.interpolate import BSpline
 
+from bella.exceptions import InputError
 from bella.heliosphere import SIDEREAL_ROTATION_D, angular_speed_rad_s, slowing_travel_s, spiral_path_rsun
 from bella.heliosphere.scattering import LITERATURE_DELAY, DirectionalDelay
 from bella.units import C_RSUN_S, R_SUN_KM, FloatArray
@@ -33,8 +35,8 @@ SLOWEST, FASTEST = 0.1, 3.0
 """Limits of 400 km/s over the speed of the wind: 133 to 4000 km/s."""
 
 LEVEL_MHZ, LEVEL_RSUN, LEVEL_SD = 0.55, 40.0, 0.7
-"""Prior of the distance, in ln r: 40 solar radii at 0.55 MHz, within a factor of 2; holds density models of the literature,
-fundamental and harmonic, and twice as dense."""
+"""Prior of the distance, in ln r: 40 solar radii at 0.55 MHz, within a factor of 2; holds the density models of the
+literature, fundamental and harmonic, and twice as dense."""
 
 SLOPE, SLOPE_SD = -0.95, 0.25
 """Prior of d ln r / d ln f: -0.93 +- 0.11 for the density models, -0.71 for the burst of 2012-06-07."""
@@ -49,14 +51,16 @@ BEAM_SPEED_C, BEAM_LN_SD = 0.15, 0.5
 """Prior of the speed of the beam at 1 solar radius where a model has one: 0.06 to 0.4 c in 95 %."""
 
 SLOWING, SLOWING_SD = 0.3, 0.15
-"""Prior of d in v = v(1) r^-d (0.37 Krupar et al. 2015, doi:10.1051/0004-6361/201425308; 0.3 Azzollini & Kontar 2025)."""
+"""Prior of d in v = v(1) r^-d: 0.37 Krupar et al. 2015, doi:10.1051/0004-6361/201425308; 0.3 Azzollini & Kontar 2025,
+arXiv:2504.18312."""
 
-EMISSION_FLAT_S = (1e3, 1e3, 300.0)
-"""Standard deviations of the terms 1, 1/f, 1/f^2 (f in MHz) of a free time of emission, s: as good as flat."""
+EMISSION_FLAT_S: tuple[float, ...] = (1e3, 500.0, 60.0)
+"""Standard deviations of the terms 1, 1/f, 1/f^2 (f in MHz) of a free time of emission, s: as good as flat for beams,
+which take 340 s / f."""
 
 EMISSION_SMOOTH_S, EMISSION_LENGTHS = 60.0, ((1.0, 1.2), (0.1, 0.5))
-"""Departure of the time of emission from these terms: 60 s (0.55 MHz / f), a tenth of the travel time of a beam, with its
-shares and their correlation lengths in ln f."""
+"""Departure of the time of emission from these terms: 60 s (0.55 MHz / f), a tenth of the travel time of a beam, with
+its shares and their correlation lengths in ln f."""
 
 BEAM_DEPARTURE = 0.05
 """The same of a beam that has a law, as a share of 60 s (0.55 MHz / f)."""
@@ -68,6 +72,35 @@ class WindPrior:
 
     slowness: float = 1.0
     slowness_sd: float = SLOWNESS_SD
+
+
+def measured_wind(v_sw_km_s: float, sd_km_s: float, ratio: float = 1.0, ratio_sd: float = 0.0) -> WindPrior:
+    """Prior of the apparent spiral from a wind measured in situ, which takes the place of the broad one.
+
+    Scattering moves sources outward, so that the spiral through the apparent ones is that of a faster wind.
+
+    Parameters
+    ----------
+    v_sw_km_s, sd_km_s : float
+        Speed of the wind and its standard deviation, km/s.
+    ratio, ratio_sd : float
+        Apparent over true distance.
+
+    Returns
+    -------
+    WindPrior
+
+    Raises
+    ------
+    InputError
+        If a number is no speed, or no deviation.
+    """
+    if not (100 <= v_sw_km_s <= 3000 and 0 < sd_km_s <= v_sw_km_s and ratio > 0 <= ratio_sd):
+        raise InputError(
+            f"wind {v_sw_km_s:g} ± {sd_km_s:g} km/s: give a speed between 100 and 3000 and a deviation below it"
+        )
+    slowness = WIND_KM_S / (v_sw_km_s * ratio)
+    return WindPrior(slowness, slowness * math.hypot(sd_km_s / v_sw_km_s, ratio_sd / ratio))
 
 
 @dataclass(frozen=True)
@@ -130,7 +163,7 @@ class Rows:
 
 @dataclass(frozen=True)
 class _Sight:
-    """Lines from sources in the ecliptic plane to receivers: length, cosine of the angle to the direction from the Sun."""
+    """Lines from sources in the ecliptic plane to receivers: length, and cosine of the angle to the outward one."""
 
     distance_rsun: FloatArray
     cosine: FloatArray
@@ -195,7 +228,7 @@ class Track:
     def size(self) -> int:
         """Number of parameters P: wind, delay, distance, beam."""
         beam = {"free": 0, "constant": 1, "slowing": 2}[self.model.emission]
-        return self.winds + 1 + self._ln_range[1].shape[1] + beam
+        return self.winds + 1 + int(self._ln_range[1].shape[1]) + beam
 
     def slowness(self, z: FloatArray) -> FloatArray:
         """400 km/s over the speed of the wind in each part, shape (..., winds), within its limits."""
@@ -230,7 +263,7 @@ class Track:
     def turns(self, range_rsun: FloatArray) -> FloatArray:
         """Solar radii that the spiral crosses in each part of the wind, shape (winds, ..., F)."""
         limits = (1.0, *self.model.knots_rsun, np.inf)
-        parts = zip(limits[:-1], limits[1:], strict=True)
+        parts = pairwise(limits)
         return np.stack([np.clip(range_rsun - inner, 0.0, outer - inner) for inner, outer in parts])
 
     def longitude_rad(self, phi0_rad: FloatArray, z: FloatArray, range_rsun: FloatArray) -> FloatArray:
@@ -313,6 +346,12 @@ class Track:
             moved = z.copy()
             moved[:, place] += STEP
             slopes[:, place] += (self.beam_s(moved, self.range_rsun(moved, basis)) - now) / STEP
+
+    def position_rsun(self, phi0_rad: FloatArray, z: FloatArray, range_rsun: FloatArray) -> FloatArray:
+        """Position of the source, HEE, shape (..., F, 3)."""
+        longitude = self.longitude_rad(phi0_rad, z, range_rsun)
+        flat = np.zeros_like(longitude)
+        return np.stack([range_rsun * np.cos(longitude), range_rsun * np.sin(longitude), flat], axis=-1)
 
     def emission_s2(self, one_mhz: FloatArray, other_mhz: FloatArray) -> FloatArray:
         """Prior covariance of the part of the time of emission that is marginalised.

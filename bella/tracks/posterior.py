@@ -23,7 +23,10 @@ KEPT = 14.0
 """Longitudes within so many nats of the best are looked at more closely: the others have less than 1e-5 in all."""
 
 HOPEFUL = 60.0
-"""Nats below the best after the first iterations, within which a longitude is fitted to the end, from its neighbours too."""
+"""Nats below the best after the first iterations, within which a longitude is fitted to the end."""
+
+GAIN = 0.1
+"""Nats by which a node has to become better for its neighbours to be tried from there."""
 
 SHARE = 0.35
 """Spacing of the last grid over the standard deviation of the longitude."""
@@ -118,11 +121,7 @@ def climb(likelihood: Likelihood, phi0_rad: FloatArray, z: FloatArray, iteration
     for _ in range(iterations):
         new = active[fresh[active]]
         if new.size:
-            residual_s = likelihood.residual_s(phi0_rad[new], z[new])
-            slope = likelihood.track.slopes_s(phi0_rad[new], z[new], likelihood.seen.rows)[:, :-1]
-            weighed = (slope.reshape(-1, slope.shape[-1]) @ likelihood.weight).reshape(slope.shape)
-            hessian[new] = np.einsum("bpn,bqn->bpq", weighed, slope, optimize=True) + identity
-            gradient[new] = np.einsum("bpn,bn->bp", weighed, residual_s) - z[new]
+            hessian[new], gradient[new] = likelihood.normal_equations(phi0_rad[new], z[new])
         damped = (
             hessian[active]
             + damping[active, None, None] * identity * np.diagonal(hessian[active], axis1=1, axis2=2)[:, None, :]
@@ -164,11 +163,7 @@ def around_the_circle(likelihood: Likelihood) -> Nodes:
         begin[:, level], begin[:, 0] = distance, wind
         tried.append(climb(likelihood, phi0, begin, FIRST_ITERATIONS))
     nodes = _best(tried)
-    near = np.flatnonzero(nodes.log_evidence > nodes.log_evidence.max() - HOPEFUL)
-    beside = [climb(likelihood, phi0[near], nodes.z[(near + side) % COARSE]) for side in (0, 1, -1)]
-    found = _best([nodes.take(near), *beside])
-    for name in Nodes.__dataclass_fields__:
-        getattr(nodes, name)[near] = getattr(found, name)
+    _fit_from_neighbours(likelihood, nodes)
     spacing = 2 * np.pi / COARSE
     while True:
         evidence = nodes.log_evidence
@@ -182,6 +177,21 @@ def around_the_circle(likelihood: Likelihood) -> Nodes:
         more, first = np.unique(np.round(_wrapped(more), 9), return_index=True)
         fresh = np.abs(_wrapped(more[:, None] - nodes.phi0_rad)).min(axis=1) > 0.5 * spacing
         nodes = nodes.and_also(climb(likelihood, more[fresh], start[first][fresh]))
+
+
+def _fit_from_neighbours(likelihood: Likelihood, nodes: Nodes) -> None:
+    """Fit the hopeful nodes to the end, and on from those that became better, until no neighbour gains."""
+    changed = np.flatnonzero(nodes.log_evidence > nodes.log_evidence.max() - HOPEFUL)
+    beside: tuple[int, ...] = (0, 1, -1)
+    while changed.size:
+        target = np.concatenate([(changed + side) % COARSE for side in beside])
+        found = climb(likelihood, nodes.phi0_rad[target], nodes.z[np.tile(changed, len(beside))])
+        hopeful = found.log_evidence > nodes.log_evidence.max() - HOPEFUL
+        better = np.flatnonzero(hopeful & (found.log_evidence > nodes.log_evidence[target] + GAIN))
+        better = better[np.argsort(found.log_evidence[better])]  # of two for one node the better is written last
+        for name in Nodes.__dataclass_fields__:
+            getattr(nodes, name)[target[better]] = getattr(found, name)[better]
+        changed, beside = np.unique(target[better]), (1, -1)
 
 
 def _best(tried: list[Nodes]) -> Nodes:
