@@ -39,6 +39,9 @@ PROFILE = 12
 """Frequencies at which the track is written out."""
 
 UNIFORM_WIDTH_DEG = 0.68 * 360.0
+NOT_NARROWER = 0.95
+"""An interval over that of the prior from which it is not narrower, given how well draws know its ends."""
+
 LEAST_ORDERLY = 0.01
 """Share of the draws whose distance and time of emission fall with frequency throughout, below which order is not asked
 for: the times contradict it."""
@@ -253,7 +256,7 @@ def _flags(  # noqa: PLR0913, PLR0917
     wind, phi0 = summaries["v_sw_km_s"][0], summaries["phi0_deg"][0]
     beams = summaries["beam_speed_c"] + summaries["local_speed_c"]
     applies = {
-        "v_sw_not_constrained": (wind.contraction or 0.0) >= 1.0,
+        "v_sw_not_constrained": (wind.contraction or 0.0) >= NOT_NARROWER,
         "phi0_not_constrained": (phi0.contraction or 0.0) >= NOT_CONSTRAINED,
         "not_a_spiral": float(weight @ (values["v_sw_km_s"] > FAST_WIND_KM_S)) > FAST_PROBABILITY,
         "several_tracks": len(region(nodes, 0.95)) > 1,
