@@ -14,8 +14,8 @@ from bella.flags import NOT_COMPUTED
 from bella.multilateration.priors import apply_sigma_rule, find_preset
 from bella.settings import Settings
 from bella.tracks import TrackFit, fit_track, track_record, with_joint_draws
-from bella.tracks.compare import fused_companion, models_companion
 from bella.tracks.companions import density_companion, semp_companion
+from bella.tracks.compare import fused_companion, models_companion
 from bella.tracks.direction_companions import FLOOR_DEG, triangulation_companion
 from bella.tracks.fit import FEWEST_DRAWS
 from bella.tracks.model import TrackModel
