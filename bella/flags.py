@@ -58,8 +58,8 @@ TRACK_FLAGS = {
     "beam_speed_unlikely": "The beam would be faster than 0.6 c or slower than 0.03 c: edges of different bursts, or a "
     "wrong clock, give such tracks.",
     "poor_weights": "Fewer than 400 effective draws: the numbers are rough.",
-    "arrivals_down_weighted": "Arrival times that miss what all others predict by more than six standard deviations were "
-    "left out.",
+    "arrivals_down_weighted": "Arrival times that miss what all others predict by more than six standard deviations "
+    "were left out.",
     "ingredients_disagree": "Arrival times, wave directions and the known wind contradict one another by more than "
     "three standard deviations: one of them, or its error, is wrong.",
 }
