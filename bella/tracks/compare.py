@@ -29,6 +29,11 @@ DRAWS = 1000
 """Of each model: its evidence is good to 0.05 with as many."""
 
 MOST_TENSION = 37.0
+"""Where its probability cannot be written any more."""
+
+LEAST_GAIN = 0.3
+"""Share of the standard deviation that further data count as having gained at least: posteriors are not Gaussian, and a
+shift over next to nothing would count as a contradiction."""
 
 
 @dataclass(frozen=True)
@@ -215,7 +220,7 @@ def _weight(name: str, everything: TrackFit, others: TrackFit) -> dict[str, Any]
     for parameter in ("phi0_deg", "v_sw_km_s"):
         with_it, without = (getattr(one.record, parameter) for one in (everything, others))
         ratio[parameter] = (with_it.q84 - with_it.q16) / (without.q84 - without.q16)
-        gained = max(without.sd**2 - with_it.sd**2, (0.1 * without.sd) ** 2)
+        gained = max(without.sd**2 - with_it.sd**2, (LEAST_GAIN * without.sd) ** 2)
         moved = with_it.q50 - without.q50
         if parameter == "phi0_deg":
             moved = float(within_half_turn_deg(moved))
