@@ -17,6 +17,10 @@ from bella.tracks.model import STEP, Rows, Track
 from bella.units import FloatArray
 
 
+LEAST_S = 0.1
+"""Independent error that every arrival time has at least: times along a smooth curve have a covariance that is singular."""
+
+
 @dataclass(frozen=True)
 class Evidence:
     """Arrival times of a burst as a track sees them.
@@ -73,7 +77,8 @@ def evidence_of(grid: ArrivalGrid) -> Evidence:
     assert grid.rise_s is not None  # noqa: S101 - the grid fills it in
     rows = Rows(grid.frequency_mhz[row], grid.rise_s[row, column], grid.receiver_rsun[row, column])
     arrival_s = (grid.arrival_s - grid.delay_s)[row, column]
-    return Evidence(rows, arrival_s, grid.covariance_s2(), column, grid.observatories)
+    noise_s2 = grid.covariance_s2() + LEAST_S**2 * np.eye(row.size)
+    return Evidence(rows, arrival_s, noise_s2, column, grid.observatories)
 
 
 @dataclass(frozen=True)
