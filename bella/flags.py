@@ -52,6 +52,7 @@ TRACK_FLAGS = {
     "poor_weights": "Less than 0.3 of the draws of the joint fit count: its numbers are rough.",
     "arrivals_down_weighted": "Arrival times miss the joint spiral by far more than the others do: they were taken for "
     "bad and hardly count.",
+    "one_edge": "Preliminary track: only one definition of the edge was fitted, and no second one that confirms it.",
     "ingredients_disagree": "Arrival times, wave directions and the known wind contradict one another by more than "
     "three standard deviations: one of them, or its error, is wrong.",
 }

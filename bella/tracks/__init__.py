@@ -11,6 +11,7 @@ from bella.tracks.joint_model import JointModel, JointPriors
 from bella.tracks.joint_nuts import sample_joint_nuts
 from bella.tracks.joint_observed import WindPrior
 from bella.tracks.piecewise import PiecewiseSpiral, SpiralSegment, fit_piecewise_spiral, piecewise_fit
+from bella.tracks.preliminary import fit_preliminary, level_of, preliminary_track, why_not_published
 from bella.tracks.scattering import CorrectedSource, ScatteringModel, corrected_source, scattering_model
 from bella.tracks.two_step import SpiralLine, fit_spiral_line, track_fit
 from bella.tracks.wave_directions import wave_directions
@@ -41,17 +42,21 @@ __all__ = [
     "fit_ingredients",
     "fit_joint",
     "fit_piecewise_spiral",
+    "fit_preliminary",
     "fit_spiral_line",
     "fit_track",
     "fused_json",
     "inferred_density_cm3",
     "joint_json",
+    "level_of",
     "piecewise_fit",
+    "preliminary_track",
     "read_directions",
     "sample_joint_nuts",
     "scattering_model",
     "track_fit",
     "track_positions",
     "wave_directions",
+    "why_not_published",
     "wind_knots",
 ]
