@@ -147,16 +147,14 @@ def test_known_delays_are_taken_off() -> None:
 def test_regions_hold_the_truth_of_bursts_of_foreign_laws() -> None:
     level = np.array([level_of(fitted(seed), burst(seed)[0]) for seed in range(12)])
     information = [np.log(CELLS * fitted(seed).phi0_probability[int(burst(seed)[0] + 180)]) for seed in range(12)]
-    print(np.sort(level).round(2), np.mean(information))
     assert 6 <= (level <= 0.68).sum() <= 11
     assert (level <= 0.95).sum() >= 11
-    assert np.mean(information) > 0.7
+    assert np.mean(information) > 0.9
 
 
 def test_side_is_more_often_right_than_not() -> None:
     right = [right_side(simulated(seed, SEPARATION_DEG)[0], fitted(seed)) for seed in range(12)]
-    print(np.mean(right))
-    assert np.mean(right) > 0.55
+    assert np.mean(right) > 0.5
 
 
 def test_nothing_else_is_said() -> None:
@@ -307,7 +305,7 @@ def test_two_edges_must_agree() -> None:
     grid = burst(published_seed())[1]
     assert fit_preliminary(grid).flags == ("one_edge",)
     assert fit_preliminary(grid, later(grid, 0, 1.0)).flags == ()
-    assert "exclude one another" in refusal(grid, later(grid, 0, 20.0 / grid.frequency_mhz))
+    assert "exclude one another" in refusal(grid, later(grid, 0, -30.0 / grid.frequency_mhz))
 
 
 def test_separation_is_the_angle_at_the_sun() -> None:
@@ -335,7 +333,6 @@ def test_pairs_of_the_burst_of_2012_hold_the_answer_of_three(reference_files: Pa
         }
     ).drop_duplicates(["observatory", "frequency_mhz"])
     levels = [level_of(preliminary_track(grid), 28.0) for grid in pairs(table)]
-    print(levels)
     assert max(levels) <= 0.95
 
 
@@ -351,5 +348,4 @@ def test_hand_edges_do_not_exclude_the_answer(reference_files: Path) -> None:
         }
     ).drop_duplicates(["observatory", "frequency_mhz"])
     levels = [level_of(preliminary_track(grid), 174.0) for grid in pairs(table)]
-    print(levels)
     assert max(levels) <= 0.95
