@@ -11,13 +11,15 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.integrate import quad
 from scipy.optimize import brentq
+from scipy.special import logsumexp
+from scipy.stats import multivariate_t
 
 from bella.arrivals import ArrivalGrid, arrival_grid, check_arrivals, locate_receivers
 from bella.exceptions import InputError, NotPlacedError
 from bella.records import JointTrack
 from bella.tracks import fit_preliminary, level_of, preliminary_track, why_not_published
 from bella.tracks.preliminary import CELLS, _region, region_size_deg, separation_deg
-from bella.tracks.preliminary_model import ArrivalModel, range_prior, rows_of
+from bella.tracks.preliminary_model import ArrivalModel, range_prior, rows_of, search
 from benchmarks.preliminary import right_side, simulated
 
 LIGHT_RSUN_S, TURN_RAD_RSUN = 0.43092, 2.0 * np.pi / (25.38 * 86400) * 695_700 / 400.0
@@ -61,13 +63,11 @@ def test_prior_of_the_distance_is_that_of_the_density_models() -> None:
         lambda r: 1.39e6 / r**2.3 + 3e8 / r**6 + 4.8e9 / r**14,
     )
     frequency = np.array([0.2, 0.5, 1.5])
-    log_range = np.log(
-        [
-            [brentq(lambda r, f=f, law=law: n * 8.97866e-3 * np.sqrt(law(r)) - f, 1.01, 390.0) for f in frequency]
-            for law in laws
-            for n in (1, 2)
-        ]
-    )
+    both = np.concatenate([frequency, frequency / 2])
+    plasma = [
+        [brentq(lambda r, f=f, law=law: 8.97866e-3 * np.sqrt(law(r)) - f, 1.01, 390.0) for f in both] for law in laws
+    ]
+    log_range = np.log(np.reshape(plasma, (6, 3)))
     prior = range_prior(0.15, 2.5)
     basis = prior.basis(frequency)
     np.testing.assert_allclose(basis @ prior.mean, log_range.mean(axis=0), atol=0.01)
@@ -106,6 +106,25 @@ def test_derivatives_are_those_of_the_arrival_times() -> None:
         step = 1e-5 * np.eye(9)[place]
         difference = (model.delay_s(phi0, z + step)[0] - model.delay_s(phi0, z - step)[0]) / 2e-5
         np.testing.assert_allclose(derivative[place], difference, rtol=1e-5, atol=1e-4)
+
+
+def test_weights_of_longitudes_are_integrals_over_the_parameters() -> None:
+    model, rng = model_of(7), np.random.default_rng(3)
+    modes = search(model)
+    likely = np.flatnonzero(modes.log_weight > modes.log_weight.max() - 6.0)[::4]
+    missed = []
+    for mode in likely:
+        root = np.linalg.cholesky(1.3 * modes.covariance[mode])
+        drawn = multivariate_t(np.zeros(9), np.eye(9), df=8, seed=rng)
+        steps = drawn.rvs(1500)
+        z = modes.z[mode] + steps @ root.T
+        residual = model.misfit(np.full(1500, modes.phi0_rad[mode]), z)[0]
+        log_target = -0.5 * ((residual**2).sum(axis=1) + (z**2).sum(axis=1))
+        log_integral = logsumexp(log_target - drawn.logpdf(steps)) + np.log(np.diag(root)).sum() - np.log(1500)
+        missed.append(log_integral - modes.log_weight[mode])
+    spread = modes.log_weight[likely] + 0.5 * (modes.z[likely] ** 2).sum(axis=1) + 0.5 * modes.chi2[likely]
+    assert np.ptp(spread) > 4 * np.std(missed)
+    assert np.std(missed) < 0.25
 
 
 def small(**columns: float) -> ArrivalGrid:
@@ -214,7 +233,7 @@ def test_one_bad_edge_is_left_out() -> None:
     grid = burst(5)[1]
     row = np.flatnonzero(np.isfinite(grid.arrival_s[:, 1]))[9]
     bad = np.zeros(grid.frequency_mhz.size)
-    bad[row] = 400.0
+    bad[row] = 60.0
     track = preliminary_track(later(grid, 1, bad))
     assert track.flags == ("arrivals_down_weighted",)
     moved = np.abs(np.subtract(track.phi0_probability, fitted(5).phi0_probability)).sum() / 2
