@@ -320,6 +320,18 @@ def published_seed() -> int:
     return next(seed for seed in range(12) if why_not_published(fitted(seed)) is None)
 
 
+def test_a_narrow_band_is_not_enough() -> None:
+    bursts = [burst(seed)[1] for seed in range(12)]
+    narrow = [one.take((one.frequency_mhz > 0.5) & (one.frequency_mhz < 1.2)) for one in bursts]
+    dense = next(one for one in narrow if np.isfinite(one.arrival_s).sum(axis=0).min() >= 10)
+    assert "too few frequencies" in refusal(dense)
+
+
+def test_regions_are_those_of_68_and_95_per_cent() -> None:
+    for region, level in ((fitted(0).phi0_68, 0.68), (fitted(0).phi0_95, 0.95)):
+        assert level <= sum(part.probability for part in region) + 1e-3 < level + 0.02
+
+
 def test_two_edges_must_agree() -> None:
     grid = burst(published_seed())[1]
     assert fit_preliminary(grid).flags == ("one_edge",)
