@@ -36,6 +36,10 @@ class NoDataError(BellaError):
     """What was asked for does not exist: no such burst, no data for this time."""
 
 
+class NotPlacedError(NoDataError):
+    """The arrival times of a burst do not say where it was, for the reason that the message gives."""
+
+
 class ConvergenceError(BellaError):
     """A sampler or solver ended without an answer that can be trusted."""
 

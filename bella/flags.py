@@ -60,6 +60,7 @@ TRACK_FLAGS = {
     "poor_weights": "Fewer than 400 effective draws: the numbers are rough.",
     "arrivals_down_weighted": "Arrival times that miss what all others predict by more than six standard deviations "
     "were left out.",
+    "one_edge": "Preliminary track: only one definition of the edge was fitted, and no second one that confirms it.",
     "ingredients_disagree": "Arrival times, wave directions and the known wind contradict one another by more than "
     "three standard deviations: one of them, or its error, is wrong.",
 }

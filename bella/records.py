@@ -51,6 +51,13 @@ class Interval(Record):
     probability: float
 
 
+class Side(Record):
+    """Half of the ecliptic plane, as seen from the Sun, that more probably has the source of a preliminary track."""
+
+    middle_deg: float = Field(description="Longitude of its middle, HEE: half way between two spacecraft, or opposite.")
+    probability: float
+
+
 class SourceAt(Record):
     """Where a track is at one frequency."""
 
@@ -89,6 +96,10 @@ class JointTrack(Record):
     phi0_deg: Parameter = Field(description="Longitude of the spiral at 1 solar radius, HEE, west positive.")
     phi0_68: tuple[Interval, ...] = Field(default=(), description="Smallest region that holds 68 %.")
     phi0_95: tuple[Interval, ...] = ()
+    phi0_probability: tuple[float, ...] = Field(
+        default=(), description="Of equal parts of the circle from -180 deg on; of a preliminary track."
+    )
+    side: Side | None = Field(default=None, description="Of the source at 0.5 MHz; of a preliminary track.")
     v_sw_km_s: Parameter
     winds: tuple[WindPart, ...] = Field(default=(), description="Where the speed of the wind changes on the way.")
     beam_speed_c: Parameter = Field(description="Along the field line, between the highest and lowest frequency.")
@@ -101,6 +112,7 @@ class JointTrack(Record):
     misfit_p: float | None = Field(
         default=None, description="Probability of a larger chi2: near 0 the fit is poor, near 1 the errors too large."
     )
+    error_scale: float = Field(default=1.0, description="Factor by which errors were widened where the fit is poor.")
     log_evidence: float | None = None
     ess: float | None = None
     times: int = 0

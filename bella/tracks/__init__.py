@@ -7,15 +7,20 @@ is the answer of two spacecraft; the other modules stand beside them.
 from bella.tracks.burst import TrackRecipe, fit_table, track_record, with_joint_draws
 from bella.tracks.fit import TrackFit, fit_track
 from bella.tracks.model import TrackModel, WindPrior, measured_wind
+from bella.tracks.preliminary import fit_preliminary, level_of, preliminary_track, why_not_published
 
 __all__ = [
     "TrackFit",
     "TrackModel",
     "TrackRecipe",
     "WindPrior",
+    "fit_preliminary",
     "fit_table",
     "fit_track",
+    "level_of",
     "measured_wind",
+    "preliminary_track",
     "track_record",
+    "why_not_published",
     "with_joint_draws",
 ]
