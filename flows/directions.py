@@ -1,7 +1,6 @@
-"""What a burst has beside its arrival times: wave directions and a measured wind, in the form that one fit takes."""
+"""Wave directions of a burst, in the form that a fit takes."""
 
-from collections.abc import Iterable, Mapping
-from typing import Any
+from collections.abc import Iterable
 
 import numpy as np
 import pandas as pd
@@ -10,9 +9,8 @@ import xarray as xr
 
 from bella.exceptions import BellaError
 from bella.spectra import power_above_background
-from bella.tracks import DirectionTerms, WindPrior, direction_terms, wave_directions
+from bella.tracks import DirectionTerms, direction_terms, wave_directions
 from bella.tracks.direction_companions import FLOOR_DEG
-from bella.units import FloatArray
 
 log = structlog.get_logger(__name__)
 
@@ -72,31 +70,3 @@ def directed(directions: pd.DataFrame | None, arrivals: pd.DataFrame, epoch: np.
     if directions is None or not len(directions):
         return None
     return direction_terms(directions.assign(x_rsun=np.nan, y_rsun=np.nan, z_rsun=np.nan), arrivals, epoch, FLOOR_DEG)
-
-
-def known_wind(wind: Mapping[str, Any]) -> WindPrior | None:
-    """Speed of the wind along a track as in-situ measurements have it.
-
-    Parameters
-    ----------
-    wind : mapping
-        As :func:`bella.solar_wind.wind_companion.wind_companion` returns it.
-
-    Returns
-    -------
-    WindPrior or None
-        Mean of 1 / v over the distances that are given. Its error is that of the assimilation and, beside it, the rms
-        misfit of the spacecraft: what a wind that only turns with the Sun leaves unexplained where it was measured, it
-        leaves unexplained at the track. None where nothing is known.
-    """
-    speeds = [row["v_sw_km_s"] for row in wind.get("along_track", ()) if row["v_sw_km_s"]["mean"]]
-    misfits = _numbers(one["rmse_km_s"] for one in wind.get("observatories", ()))
-    if not speeds or not misfits.size:
-        return None
-    mean = float(1.0 / np.mean(1.0 / _numbers(one["mean"] for one in speeds)))
-    sd = np.hypot(np.mean(_numbers(one["sd"] for one in speeds)), np.sqrt(np.mean(misfits**2)))
-    return WindPrior(mean, float(sd))
-
-
-def _numbers(values: Iterable[float | None]) -> FloatArray:
-    return np.array([value for value in values if value is not None], dtype=np.float64)

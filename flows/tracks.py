@@ -1,6 +1,6 @@
 """What a solution says of its track: joint and two-step fit, and what stands beside them."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
@@ -19,7 +19,7 @@ from bella.tracks.direction_companions import FLOOR_DEG, fused_companion, triang
 from bella.tracks.model_companion import model_companion
 from bella.tracks.published import FEWEST_DRAWS, MOST_FREQUENCIES, as_fitted, joint_track, with_joint_draws
 from bella.tracks.scattering_companion import scattering_companion
-from flows.directions import directed, known_wind
+from flows.directions import directed
 from flows.solar_wind import Surroundings, footpoint_of, wind_of
 
 TRACK_RECIPE = {
@@ -91,25 +91,25 @@ def fitted_track(
     joint, fit = joint_track(timed, period_d, settings.draws, settings.seed, from_curve=is_curve)
     options, used = JointOptions(max(settings.draws, FEWEST_DRAWS), settings.seed), as_fitted(timed, joint)
     beside = companions(posterior, used, fit, around)
-    beside["wind"] = attempted(lambda: wind_of(posterior, joint, around))
+    beside["wind"] = attempted(lambda: wind_of(posterior, joint, beside["scattering"], around))
     beside["models"] = attempted(lambda: model_companion(Ingredients(used), fit, settings.seed))
-    beside |= more_than_times(timing, used, beside["wind"], period_d, options)
+    beside |= more_than_times(timing, used, period_d, options)
     track = two_step | {"remark": APPARENT_SOURCE, "joint": joint, "companions": beside}
     return track, with_joint_draws(posterior, fit)
 
 
 def more_than_times(
-    timing: Timing, grid: ArrivalGrid, wind: Mapping[str, Any], rotation_period_d: float, options: JointOptions
+    timing: Timing, grid: ArrivalGrid, rotation_period_d: float, options: JointOptions
 ) -> dict[str, Any]:
-    """What wave directions, and a measured wind, say with the arrival times and without.
+    """What wave directions add to the arrival times.
+
+    The wind measured in situ is not among them: it bends the field line of the true sources, not of the apparent ones.
 
     Parameters
     ----------
     timing : Timing
     grid : ArrivalGrid
         Arrival times as the joint fit took them.
-    wind : mapping
-        Companion of that name.
     rotation_period_d : float
         Rotation period of the Sun, days.
     options : JointOptions
@@ -120,7 +120,7 @@ def more_than_times(
         Ready for JSON: ``triangulation`` and ``fused``.
     """
     terms = directed(timing.directions, timing.arrivals, grid.reference_utc)
-    known = Ingredients(grid, directions=terms, wind=known_wind(wind))
+    known = Ingredients(grid, directions=terms)
     return {
         "triangulation": attempted(lambda: triangulation_companion(terms)),
         "fused": attempted(lambda: fused_companion(known, rotation_period_d, options)),

@@ -1,9 +1,8 @@
-"""What folders of published files say of the wind and the Sun at a time: hourly speeds, active regions, coronal holes.
+"""Solar wind speeds measured in situ: hourly lists as archives export them, and the folder in which they are found.
 
-The name of a file says what it holds. Hourly speeds: the beginning is that of a spacecraft (``omni``, ``wind``, ``sta``
-or ``stereoa``, ``stb`` or ``stereob``, ``psp``, ``solo``; dashes and underscores do not count), the ending ``.lst``,
-``.dat`` or ``.txt``. Active regions: ``YYYYMMDDSRS.txt``, as NOAA names them. Coronal holes:
-``coronal-holes-YYYYMMDDTHHMM.csv``. Folders below are looked into; whatever else is there is not looked at.
+The name of a file states what it holds: it begins with the name of a spacecraft (``omni``, ``wind``, ``sta`` or
+``stereoa``, ``stb`` or ``stereob``, ``psp``, ``solo``; dashes and underscores are ignored) and ends in ``.lst``,
+``.dat`` or ``.txt``. Subfolders count; other files are ignored.
 """
 
 import hashlib
@@ -20,8 +19,6 @@ import pandas as pd
 
 from bella.exceptions import InputError, NoDataError
 from bella.solar_wind.assimilation import HALF_ROTATION
-from bella.solar_wind.observations import hourly_speeds
-from bella.solar_wind.source_regions import SourceRegion, read_active_regions, read_coronal_holes
 from bella.spacecraft import coverage
 
 BEGINNINGS = {
@@ -37,15 +34,74 @@ BEGINNINGS = {
 """Observatory by the beginning of a name; hourly OMNI is taken as measured where Wind is, at L1."""
 
 ENDINGS = (".lst", ".dat", ".txt")
-SUMMARY_NAME = re.compile(r"(\d{8})SRS\.txt", re.IGNORECASE)
-HOLES_NAME = re.compile(r"coronal-holes-(\d{8}T\d{4})\.csv", re.IGNORECASE)
-OLDEST_REGIONS = np.timedelta64(48, "h")
-"""Regions of a time further away than this are not turned to that of a burst: they may be gone."""
-
 HALF_HOUR, NEAREST_HOUR = np.timedelta64(30, "m"), np.timedelta64(6, "h")
+"""A speed is that of the middle of its hour; one within six hours of a burst is used for it."""
+
 FILES_KEPT = 256
-LARGEST_LIST, LARGEST_REGIONS = 256 << 20, 1 << 20
-"""Bytes: OMNI 2 of all years has 180 MB, and a summary of regions a few kB."""
+LARGEST_LIST = 256 << 20
+"""Bytes: OMNI 2 of all years has 180 MB."""
+
+FILL_KM_S = 9999.0
+FASTEST_KM_S = 3000.0
+COLUMNS = ("year", "day_of_year", "hour", "speed_km_s")
+OMNI2_COLUMNS = range(55, 60)
+OMNI2_PLACES = (0, 1, 2, 24)
+"""Where a record of the yearly OMNI 2 files has these four; records have had words added at their end."""
+
+
+def hourly_speeds(path: Path) -> pd.Series:
+    """Read hourly speeds: lines of year, day of year, hour and speed in km/s, as OMNIWeb and COHOWeb export lists.
+
+    Parameters
+    ----------
+    path : Path
+        Blanks between the columns; 9999 or more where there is no measurement. The yearly files of OMNI 2
+        (``omni2_YYYY.dat``, 55 words and more) are read as they are.
+
+    Returns
+    -------
+    pandas.Series
+        km/s by the UTC start of each hour, ascending; hours without a measurement are left out.
+
+    Raises
+    ------
+    InputError
+        If the file does not hold four columns of numbers, or an hour or speed is impossible.
+    NoDataError
+        If no hour has a measurement.
+    """
+    frame = _numbers(path)
+    valid = frame[frame["speed_km_s"] < FILL_KM_S]
+    if valid.empty:
+        raise NoDataError(f"{path.name} holds no hour with a speed: choose another interval")
+    if not valid["speed_km_s"].between(1.0, FASTEST_KM_S).all():
+        raise InputError(f"{path.name} holds speeds that no solar wind has: give km/s, and 9999 for no measurement")
+    speeds = pd.Series(valid["speed_km_s"].to_numpy(), index=_utc(valid, path), name=path.stem).sort_index()
+    return speeds[~speeds.index.duplicated()]
+
+
+def _numbers(path: Path) -> pd.DataFrame:
+    try:
+        frame = pd.read_csv(path, sep=r"\s+", header=None, comment="#", dtype=np.float64)
+    except (OSError, ValueError) as error:
+        reason = " ".join(str(error).split())
+        raise InputError(f"{path.name} cannot be read ({reason}): give year, day of year, hour, speed") from error
+    if frame.shape[1] in OMNI2_COLUMNS:
+        frame = frame.iloc[:, list(OMNI2_PLACES)]
+    if frame.shape[1] != len(COLUMNS):
+        raise InputError(f"{path.name} has {frame.shape[1]} columns: give year, day of year, hour, speed")
+    return frame.set_axis(list(COLUMNS), axis=1)
+
+
+def _utc(frame: pd.DataFrame, path: Path) -> pd.DatetimeIndex:
+    possible = frame["day_of_year"].between(1, 366) & frame["hour"].between(0, 23) & frame["year"].between(1960, 2200)
+    if not possible.all():
+        raise InputError(
+            f"{path.name}, line {int(np.argmin(possible)) + 1}: no such hour; give year, day of year, hour"
+        )
+    start = pd.to_datetime(frame["year"].astype(int).astype(str), format="%Y")
+    elapsed = (frame["day_of_year"] - 1) * 24 + frame["hour"]
+    return pd.DatetimeIndex(start + pd.to_timedelta(elapsed, unit="h"))
 
 
 @dataclass(frozen=True)
@@ -107,26 +163,6 @@ class InSitu:
         return found
 
 
-@dataclass(frozen=True)
-class Regions:
-    """Active regions and coronal holes about a time.
-
-    Attributes
-    ----------
-    regions : tuple of SourceRegion
-        At the time for which their file states them.
-    used : tuple of UsedFile
-    left_out : tuple of str
-    reason : str
-        Why there is no file; empty where there is one.
-    """
-
-    regions: tuple[SourceRegion, ...]
-    used: tuple[UsedFile, ...]
-    left_out: tuple[str, ...]
-    reason: str = ""
-
-
 def speeds_around(folder: Path | None, utc: np.datetime64, half: np.timedelta64 = HALF_ROTATION) -> InSitu:
     """Hourly speeds of every spacecraft that a folder has for one rotation.
 
@@ -149,11 +185,11 @@ def speeds_around(folder: Path | None, utc: np.datetime64, half: np.timedelta64 
     left_out = []
     for path, observatory in _speed_files(folder):
         try:
-            seen = _sized(path, LARGEST_LIST)
+            seen = check_readable(path, LARGEST_LIST)
             series = _within(_hourly(path, seen.st_mtime_ns, seen.st_size), utc, half)
             series = _placed(series, observatory)
         except (InputError, NoDataError, OSError) as error:
-            left_out.append(_why(path, error))
+            left_out.append(why_left_out(path, error))
             continue
         if len(series):
             parts.setdefault(observatory, []).append((path, series))
@@ -162,7 +198,7 @@ def speeds_around(folder: Path | None, utc: np.datetime64, half: np.timedelta64 
     return InSitu(speeds, used, tuple(left_out), "" if speeds else _no_speeds(folder, utc, left_out))
 
 
-def _why(path: Path, error: Exception) -> str:
+def why_left_out(path: Path, error: Exception) -> str:
     """Why a file is left out, in one line that begins with its name."""
     said = (error.strerror or "cannot be read") if isinstance(error, OSError) else str(error)
     return f"left out: {said if said.startswith(path.name) else f'{path.name}, {said}'}"
@@ -170,7 +206,7 @@ def _why(path: Path, error: Exception) -> str:
 
 def _speed_files(folder: Path) -> list[tuple[Path, str]]:
     found = []
-    for path in _files_below(folder):
+    for path in files_below(folder):
         plain = re.sub(r"[-_]", "", path.name.lower())
         names = [name for beginning, name in BEGINNINGS.items() if plain.startswith(beginning)]
         if names:
@@ -178,13 +214,13 @@ def _speed_files(folder: Path) -> list[tuple[Path, str]]:
     return sorted(found)
 
 
-def _files_below(folder: Path) -> Iterator[Path]:
+def files_below(folder: Path) -> Iterator[Path]:
     """Files, in any order, whose name may be one of those that are read: of folders of many others little is made."""
     for below, _, names in os.walk(folder):
         yield from (Path(below, name) for name in names if name.lower().endswith((*ENDINGS, ".csv")))
 
 
-def _sized(path: Path, largest: int) -> os.stat_result:
+def check_readable(path: Path, largest: int) -> os.stat_result:
     """What is known of a file that can be read at once.
 
     Raises
@@ -243,100 +279,3 @@ def _no_speeds(folder: Path, utc: np.datetime64, left_out: list[str]) -> str:
         f"no file of BELLA_IN_SITU has a speed of the rotation around {utc.astype('datetime64[D]')}: "
         f"add hourly lists whose names begin with {', '.join(BEGINNINGS)}"
     )
-
-
-def regions_around(folder: Path | None, utc: np.datetime64, within: np.timedelta64 = OLDEST_REGIONS) -> Regions:
-    """Active regions and coronal holes that a folder has for a time.
-
-    Parameters
-    ----------
-    folder : Path or None
-    utc : numpy.datetime64
-    within : numpy.timedelta64
-        How far the time of a file may be from it.
-
-    Returns
-    -------
-    Regions
-        Of the nearest file of each kind; one that is empty says why; a file that cannot be read is left out, and the
-        next one taken.
-    """
-    if folder is None:
-        return Regions((), (), (), "no folder of active regions and coronal holes is named: set BELLA_REGIONS")
-    regions: list[SourceRegion] = []
-    used, left_out = [], []
-    for kind, files in region_files(folder, utc, within).items():
-        for path, time in files:
-            try:
-                sha256 = region_sha256(path)
-                found = read_active_regions(path) if kind == "solar_region_summary" else read_coronal_holes(path, time)
-                used.append(UsedFile(kind, path.name, sha256))
-            except (InputError, OSError) as error:
-                left_out.append(_why(path, error))
-                continue
-            regions += found
-            break
-    return Regions(tuple(regions), tuple(used), tuple(left_out), "" if used else _no_regions(folder, utc, left_out))
-
-
-def region_files(
-    folder: Path, utc: np.datetime64, within: np.timedelta64 = OLDEST_REGIONS
-) -> dict[str, list[tuple[Path, np.datetime64]]]:
-    """Files of regions of a folder whose time, by their name, is near another.
-
-    Parameters
-    ----------
-    folder : Path
-    utc : numpy.datetime64
-    within : numpy.timedelta64
-
-    Returns
-    -------
-    dict of str to list of (Path, numpy.datetime64)
-        By kind, nearest first.
-    """
-    kinds = {"solar_region_summary": SUMMARY_NAME, "coronal_holes": HOLES_NAME}
-    found: dict[str, list[tuple[Path, np.datetime64]]] = {kind: [] for kind in kinds}
-    for path in _files_below(folder):
-        for kind, name in kinds.items():
-            time = _named_time(name.fullmatch(path.name))
-            if time is not None and abs(time - utc) <= within:
-                found[kind].append((path, time))
-    return {kind: sorted(files, key=lambda file: (abs(file[1] - utc), file[0])) for kind, files in found.items()}
-
-
-def region_sha256(path: Path) -> str:
-    """Checksum of a file of regions.
-
-    Parameters
-    ----------
-    path : Path
-
-    Returns
-    -------
-    str
-        Hexadecimal SHA-256.
-
-    Raises
-    ------
-    InputError
-        If it is no plain file, or too large to be one of regions.
-    OSError
-        If it cannot be read.
-    """
-    _sized(path, LARGEST_REGIONS)
-    return hashlib.sha256(path.read_bytes()).hexdigest()
-
-
-def _named_time(match: "re.Match[str] | None") -> np.datetime64 | None:
-    time = pd.to_datetime(match[1], errors="coerce") if match else pd.NaT
-    return None if pd.isna(time) else time.to_datetime64()
-
-
-def _no_regions(folder: Path, utc: np.datetime64, left_out: list[str]) -> str:
-    if not folder.is_dir():
-        return "the folder of region summaries is not there: name it in BELLA_REGIONS"
-    if left_out:
-        return left_out[0]
-    day = str((utc + np.timedelta64(12, "h")).astype("datetime64[D]")).replace("-", "")
-    return f"BELLA_REGIONS has no region summary within two days of the burst: add NOAA's {day}SRS.txt"
