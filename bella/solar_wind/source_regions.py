@@ -31,6 +31,9 @@ HOLES_NAME = re.compile(r"coronal-holes-(\d{8}T\d{4})\.csv", re.IGNORECASE)
 OLDEST_REGIONS = np.timedelta64(48, "h")
 """Regions of a time further away are not used: an active region may have appeared or decayed."""
 
+LAST_SHORT_YEAR, LAST_SHORT_NUMBER = 2002, 19_000
+"""In June 2002 the numbers passed 10 000; they are near 15 000 in 2026."""
+
 LARGEST_REGIONS = 1 << 20
 """Bytes: a summary of regions has a few kB."""
 
@@ -124,7 +127,7 @@ def _active_region(row: Any, issued: datetime) -> SourceRegion:
     extent, spotless = row["Longitudinal Extent"], row["ID"] == "IA"
     width = LEAST_EXTENT_DEG if spotless else max(float(u.Quantity(extent).value), LEAST_EXTENT_DEG)
     return SourceRegion(
-        name=str(row["Number"]),
+        name=str(_region_number(int(row["Number"]), issued)),
         kind="active region",
         longitude_deg=float(u.Quantity(row["Longitude"]).value),
         latitude_deg=float(u.Quantity(row["Latitude"]).value),
@@ -133,6 +136,11 @@ def _active_region(row: Any, issued: datetime) -> SourceRegion:
         utc=np.datetime64(datetime.combine(issued.date(), time()), "ns"),
         remark="plage" if spotless else str(row["Mag Type"]),
     )
+
+
+def _region_number(number: int, issued: datetime) -> int:
+    """Number of a region: sunpy adds 10 000 to all of four digits from 2002-06 on, also to those before 10 000."""
+    return number - 10_000 if number >= LAST_SHORT_NUMBER and issued.year == LAST_SHORT_YEAR else number
 
 
 def read_coronal_holes(path: Path, utc: np.datetime64) -> list[SourceRegion]:
