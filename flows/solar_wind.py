@@ -1,4 +1,4 @@
-"""The wind and the Sun around a burst: what the folders of the settings say of them, in the form the flow needs."""
+"""Solar wind and solar regions around a burst, read from the folders of the settings, for the flow."""
 
 import hashlib
 from collections.abc import Iterable, Mapping
@@ -45,7 +45,7 @@ LINE_RSUN = (1.0, 215.0)
 
 @dataclass(frozen=True)
 class Surroundings:
-    """What was measured of the wind, and seen on the Sun, around a burst.
+    """Speeds in situ and solar regions around a burst.
 
     Attributes
     ----------
@@ -80,7 +80,7 @@ class Surroundings:
 
 
 def surroundings_of(start_utc: datetime, settings: Settings) -> Surroundings:
-    """Read what the folders of the settings have for a burst.
+    """Read the speeds and regions of a burst from the folders of the settings.
 
     Parameters
     ----------
@@ -91,7 +91,7 @@ def surroundings_of(start_utc: datetime, settings: Settings) -> Surroundings:
     Returns
     -------
     Surroundings
-        What there is nothing of says why; nothing is refused.
+        Each part is empty with a reason where there is nothing.
     """
     utc = pd.Timestamp(start_utc).tz_convert("UTC").tz_localize(None).to_datetime64().astype("datetime64[ns]")
     return Surroundings(utc, speeds_around(settings.in_situ, utc), regions_around(settings.regions, utc))

@@ -1,4 +1,4 @@
-"""Where on the Sun a burst started: its footpoint in solar longitudes, the regions near it, and who was connected.
+"""Footpoint of a burst on the Sun, the regions near it, and the spacecraft that were magnetically connected to it.
 
 The footpoint is the longitude of the fitted spiral at 1 solar radius. Below some 2.5 solar radii the field is not that
 of a spiral and spreads by 10 degrees and more, so that a match is a hint and no identification.
@@ -23,7 +23,7 @@ CREDIBLE = 0.95
 ASSUMED_WIND_KM_S = 400.0
 SLOW_KM_S, FAST_KM_S = 300.0, 600.0
 NEAREST_REGIONS, MOST_REGIONS = 3, 8
-"""Regions that are kept although they do not match, and at most."""
+"""Fewest regions that are kept, whether they match or not, and most."""
 
 LEVELS = {"q2_5": 0.025, "q16": 0.16, "q50": 0.5, "q84": 0.84, "q97_5": 0.975}
 
@@ -60,7 +60,7 @@ class Footpoint:
     hee, stonyhurst, carrington : Longitudes
         In the three systems; at 1 solar radius in the plane of the ecliptic.
     latitude_deg : float
-        Heliographic latitude of that point, degrees: of the ecliptic, as the track says nothing of it.
+        Heliographic latitude of the ecliptic there, degrees: the track does not measure a latitude.
     utc : numpy.datetime64
     """
 
@@ -290,7 +290,7 @@ def longitudes_json(longitude: Longitudes) -> dict[str, float]:
 
 
 def _connection(foot: Footpoint, observatory: str, measured_km_s: float | None) -> dict[str, Any]:
-    """Connection of one spacecraft; an unknown one does not take those of the others away."""
+    """Connection of one spacecraft; one without an ephemeris has a reason instead."""
     speed = ASSUMED_WIND_KM_S if measured_km_s is None else measured_km_s
     try:
         middle, slow, fast = (

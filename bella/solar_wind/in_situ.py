@@ -31,7 +31,7 @@ BEGINNINGS = {
     "psp": "PSP",
     "solo": "SOLO",
 }
-"""Observatory by the beginning of a name; hourly OMNI is taken as measured where Wind is, at L1."""
+"""Observatory by the beginning of a name; hourly OMNI counts as measured at Wind, at L1."""
 
 ENDINGS = (".lst", ".dat", ".txt")
 HALF_HOUR, NEAREST_HOUR = np.timedelta64(30, "m"), np.timedelta64(6, "h")
@@ -46,7 +46,7 @@ FASTEST_KM_S = 3000.0
 COLUMNS = ("year", "day_of_year", "hour", "speed_km_s")
 OMNI2_COLUMNS = range(55, 60)
 OMNI2_PLACES = (0, 1, 2, 24)
-"""Where a record of the yearly OMNI 2 files has these four; records have had words added at their end."""
+"""Places of these four in a record of the yearly OMNI 2 files, to which words were added at the end over the years."""
 
 
 def hourly_speeds(path: Path) -> pd.Series:
@@ -106,7 +106,7 @@ def _utc(frame: pd.DataFrame, path: Path) -> pd.DatetimeIndex:
 
 @dataclass(frozen=True)
 class UsedFile:
-    """A file, or several of one spacecraft, that something was taken from.
+    """An input file, or several of one spacecraft.
 
     Attributes
     ----------
@@ -115,7 +115,7 @@ class UsedFile:
     name : str
         Names of the files.
     sha256 : str
-        Of what was taken: of speeds, the hours of the rotation alone; of regions, the whole file.
+        Checksum of the speeds of the rotation, or of the whole file of regions.
     """
 
     kind: str
@@ -133,7 +133,7 @@ class InSitu:
         By observatory, km/s by UTC.
     used : tuple of UsedFile
     left_out : tuple of str
-        What could not be read, and why.
+        Files that could not be read, with the reason.
     reason : str
         Why there is no speed; empty where there is one.
     """
@@ -177,7 +177,7 @@ def speeds_around(folder: Path | None, utc: np.datetime64, half: np.timedelta64 
     Returns
     -------
     InSitu
-        One that is empty says why; a file that cannot be read is left out.
+        Empty with a reason where there is none; a file that cannot be read is left out.
     """
     if folder is None:
         return InSitu({}, (), (), "no folder of hourly speeds in situ is named: set BELLA_IN_SITU")
@@ -215,20 +215,20 @@ def _speed_files(folder: Path) -> list[tuple[Path, str]]:
 
 
 def files_below(folder: Path) -> Iterator[Path]:
-    """Files, in any order, whose name may be one of those that are read: of folders of many others little is made."""
+    """Files below a folder whose names end like those that are read, in any order."""
     for below, _, names in os.walk(folder):
         yield from (Path(below, name) for name in names if name.lower().endswith((*ENDINGS, ".csv")))
 
 
 def check_readable(path: Path, largest: int) -> os.stat_result:
-    """What is known of a file that can be read at once.
+    """Status of a file that can be read without risk.
 
     Raises
     ------
     InputError
-        If it is no plain file, which may never end, or larger than any of its kind.
+        If it is no regular file, such as a pipe, or too large.
     OSError
-        If it cannot be looked at.
+        If its status cannot be read.
     """
     seen = path.stat()
     if not stat.S_ISREG(seen.st_mode):
@@ -240,7 +240,7 @@ def check_readable(path: Path, largest: int) -> os.stat_result:
 
 @lru_cache(FILES_KEPT)
 def _hourly(path: Path, _changed_ns: int, _size: int) -> pd.Series:
-    """Speeds of a file that has not changed since; a burst after another asks for the same years."""
+    """Speeds of a file, kept until it changes: many bursts need the same years."""
     return hourly_speeds(path)
 
 
@@ -250,7 +250,7 @@ def _within(series: pd.Series, utc: np.datetime64, half: np.timedelta64) -> pd.S
 
 
 def _placed(series: pd.Series, observatory: str) -> pd.Series:
-    """Speeds at hours at which the ephemeris knows where the spacecraft was."""
+    """Speeds of the hours that the ephemeris covers."""
     known, hours = coverage(observatory), series.index.to_numpy()
     placed = series[(hours >= known.start) & (hours <= known.stop)]
     if len(series) and not len(placed):
@@ -259,7 +259,7 @@ def _placed(series: pd.Series, observatory: str) -> pd.Series:
 
 
 def _joined(parts: list[pd.Series]) -> pd.Series:
-    """Of an hour that several files have, the value of the last."""
+    """All hours; where several files have the same hour, the value of the last."""
     whole: pd.Series = pd.concat(parts)
     return whole[~whole.index.duplicated(keep="last")].sort_index()
 

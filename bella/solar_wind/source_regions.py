@@ -53,7 +53,7 @@ class SourceRegion:
     width_deg, height_deg : float
         Extents in longitude and latitude; the summary of NOAA has no extent in latitude, there it is NaN.
     utc : numpy.datetime64
-        When it was there.
+        Time of this position.
     remark : str
         Magnetic class, or polarity and source of a hole.
     """
@@ -68,7 +68,7 @@ class SourceRegion:
     remark: str
 
     def at(self, utc: np.datetime64) -> "SourceRegion":
-        """Where the region is at another time, turned with the differential rotation of the Sun.
+        """Region at another time, rotated with the differential rotation of the Sun.
 
         Parameters
         ----------
@@ -203,7 +203,7 @@ class Regions:
     Attributes
     ----------
     regions : tuple of SourceRegion
-        At the time for which their file states them.
+        At the time of their file.
     used : tuple of UsedFile
     left_out : tuple of str
     reason : str
@@ -229,8 +229,7 @@ def regions_around(folder: Path | None, utc: np.datetime64, within: np.timedelta
     Returns
     -------
     Regions
-        Of the nearest file of each kind; one that is empty says why; a file that cannot be read is left out, and the
-        next one taken.
+        Of the nearest readable file of each kind; empty with a reason where there is none.
     """
     if folder is None:
         return Regions((), (), (), "no folder of active regions and coronal holes is named: set BELLA_REGIONS")
