@@ -46,8 +46,7 @@ FIGURES = {
     ),
     "wind": (
         "Measured wind and track",
-        "Map of the speed of the solar wind seen from ecliptic north, with the track, its spiral and a field line; below, "
-        "the wind along the track.",
+        "Map of the wind speed seen from ecliptic north, with track, spiral and field line; below, wind along the track.",
     ),
 }
 """Title and description of each of `bella.settings.FIT_FIGURES`, and of `WIND_FIGURE`."""
