@@ -73,6 +73,18 @@ def test_field_line_of_a_speed_that_grows_with_distance_is_a_logarithm() -> None
     np.testing.assert_allclose(lines, expected + np.array([[20.0], [-40.0]]), atol=0.004)
 
 
+def test_field_line_of_a_speed_that_grows_with_longitude_is_a_parabola() -> None:
+    """(A + B phi) dphi = -Omega dr; a midpoint without its half step in longitude would be 0.02 degrees off."""
+    grid, longitude = np.arange(30.0, 241.0), (np.arange(128) + 0.5) * 360 / 128
+    wind = SteadyWind(grid, longitude, np.tile(100.0 + 4.0 * longitude, (grid.size, 1)))
+
+    (line,) = field_lines_deg(wind, 30.0, np.array([100.0]))
+
+    per_rsun = 360.0 * 695_700.0 / (25.38 * 86_400.0)
+    total = 100.0 * 100.0 + 2.0 * 100.0**2 - per_rsun * (grid - 30.0)
+    np.testing.assert_allclose(line, (-100.0 + np.sqrt(100.0**2 + 8.0 * total)) / 4.0, atol=0.002)
+
+
 def test_a_factor_on_the_speed_divides_the_bend_of_its_own_line() -> None:
     grid = np.arange(30.0, 241.0)
     wind = SteadyWind(grid, (np.arange(128) + 0.5) * 360 / 128, np.full((grid.size, 128), 400.0))
