@@ -1,4 +1,4 @@
-"""What the burst page says of the wind around a burst, and of the Sun below it."""
+"""Wind around a burst, its footpoint and the regions near it, as the burst page shows them."""
 
 import math
 from collections.abc import Iterable, Mapping
@@ -18,7 +18,8 @@ class WindTable:
     Attributes
     ----------
     rows : list of (str, str, str, str)
-        Spacecraft; speed measured at the burst; that of the model, with its error; misfit before and after.
+        Spacecraft; speed measured at the burst; that of the model, with its error; root mean square error of the
+        climate, and of the wind of the other spacecraft.
     note : str
         How it was made; where it was not, why.
     """
@@ -51,18 +52,21 @@ def wind_table(tracks: Iterable[Fit]) -> WindTable | None:
 
 def _row(one: Fit) -> tuple[str, str, str, str]:
     measured = one.get("measured_km_s")
-    said = "\N{EN DASH}" if measured is None else f"{measured:.0f}"
+    shown = "\N{EN DASH}" if measured is None else f"{measured:.0f}"
     misfit = f"{one['prior_rmse_km_s']:.0f} \N{RIGHTWARDS ARROW} {one['rmse_km_s']:.0f}"
-    return one["observatory"], said, written_error(one["v_sw_km_s"], 0), misfit
+    return one["observatory"], shown, written_error(one["v_sw_km_s"], 0), misfit
 
 
 def _note(wind: Fit) -> str:
     left_out = _left_out(wind)
     inner = wind["boundary"]["range_rsun"]
+    tested = ", ".join(f"{one['observatory']} {one['z_rms']:.2f}" for one in wind["observatories"] if "z_rms" in one)
+    test = f" Error over its stated size where a spacecraft was left out, rms: {tested}." if tested else ""
     return (
-        f"Hourly speeds of {wind['days']:.0f} days around the burst, carried back to {inner:.0f} R☉ and out again as a "
-        "wind that turns with the Sun. Errors follow from 10 % of each speed, taken as independent; a transient, which "
-        f"such a wind cannot have, shows in the misfit.{left_out}"
+        f"Hourly speeds of {wind['days']:.0f} days around the burst, explained by a wind that rotates with the Sun "
+        f"from {inner:.0f} R☉ on, and by a model error that is correlated in longitude, time and distance. The last "
+        "column is the error in km/s of the climate, and of the wind of the other spacecraft where this one was left "
+        f"out.{test}{left_out}"
     )
 
 

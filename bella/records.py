@@ -5,6 +5,7 @@ Everything here is frozen and is written to JSON as it stands; numbers that are 
 
 from typing import Any, Literal
 
+import numpy as np
 from pydantic import BaseModel, ConfigDict, Field
 
 Tier = Literal["final", "preliminary"]
@@ -73,6 +74,23 @@ class WindPart(Record):
     from_rsun: float
     to_rsun: float | None
     v_sw_km_s: Parameter
+
+
+class MeasuredWind(Record):
+    """Wind measured in situ as it bends one field line: mean speed from 1 solar radius to each of some distances.
+
+    The mean speed is 1 over the mean of 1 / v along the line, so a Parker spiral of that speed turns by the same angle.
+    """
+
+    range_rsun: tuple[float, ...] = Field(description="Ascending.")
+    v_sw_km_s: tuple[float, ...]
+    sd_km_s: tuple[float, ...] = Field(description="Posterior standard deviation, model error included.")
+    correlation: tuple[tuple[float, ...], ...] = Field(description="Of the mean speeds to any two distances.")
+
+    def to(self, range_rsun: float) -> tuple[float, float]:
+        """Mean speed from 1 solar radius to a distance and its standard deviation, km/s; at least to the first one."""
+        speed, sd = (np.interp(range_rsun, self.range_rsun, values) for values in (self.v_sw_km_s, self.sd_km_s))
+        return float(speed), float(sd)
 
 
 class NoiseOfEdges(Record):

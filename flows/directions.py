@@ -1,7 +1,6 @@
-"""What a burst has beside its arrival times: wave directions and a measured wind, in the form that one fit takes."""
+"""Wave directions of a burst, in the form that a fit takes."""
 
-from collections.abc import Iterable, Mapping
-from typing import Any
+from collections.abc import Iterable
 
 import numpy as np
 import pandas as pd
@@ -9,12 +8,13 @@ import structlog
 import xarray as xr
 
 from bella.exceptions import BellaError
+from bella.records import MeasuredWind
 from bella.spectra import power_above_background
 from bella.tracks import WindPrior, measured_wind
 from bella.tracks.direction_companions import FLOOR_DEG
 from bella.tracks.directions import DirectionTerms, direction_terms
+from bella.tracks.scattering import apparent_over_true
 from bella.tracks.wave_directions import wave_directions
-from bella.units import FloatArray
 
 log = structlog.get_logger(__name__)
 
@@ -76,29 +76,23 @@ def directed(directions: pd.DataFrame | None, arrivals: pd.DataFrame, epoch: np.
     return direction_terms(directions.assign(x_rsun=np.nan, y_rsun=np.nan, z_rsun=np.nan), arrivals, epoch, FLOOR_DEG)
 
 
-def known_wind(wind: Mapping[str, Any]) -> WindPrior | None:
-    """Speed of the wind along a track as in-situ measurements have it.
+def known_wind(wind: Mapping[str, Any], band_mhz: tuple[float, float]) -> WindPrior | None:
+    """Prior of the apparent spiral from a wind measured in situ.
 
     Parameters
     ----------
     wind : mapping
-        As :func:`bella.solar_wind.wind_companion.wind_companion` returns it.
+        Companion of that name; its ``measured`` is the wind of the true spiral, fundamental and harmonic.
+    band_mhz : tuple of float
+        Lowest and highest frequency of the burst.
 
     Returns
     -------
     WindPrior or None
-        Mean of 1 / v over the distances that are given. Its error is that of the assimilation and, beside it, the rms
-        misfit of the spacecraft: what a wind that only turns with the Sun leaves unexplained where it was measured, it
-        leaves unexplained at the track. None where nothing is known.
+        None where nothing was measured.
     """
-    speeds = [row["v_sw_km_s"] for row in wind.get("along_track", ()) if row["v_sw_km_s"]["mean"]]
-    misfits = _numbers(one["rmse_km_s"] for one in wind.get("observatories", ()))
-    if not speeds or not misfits.size:
+    measured = [MeasuredWind(**one) for one in wind.get("measured", {}).values()]
+    if not measured:
         return None
-    mean = float(1.0 / np.mean(1.0 / _numbers(one["mean"] for one in speeds)))
-    sd = np.hypot(np.mean(_numbers(one["sd"] for one in speeds)), np.sqrt(np.mean(misfits**2)))
-    return measured_wind(mean, float(sd))
-
-
-def _numbers(values: Iterable[float | None]) -> FloatArray:
-    return np.array([value for value in values if value is not None], dtype=np.float64)
+    speed, sd = np.mean([one.to(one.range_rsun[-1]) for one in measured], axis=0)
+    return measured_wind(float(speed), float(sd), *apparent_over_true(band_mhz))

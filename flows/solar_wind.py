@@ -1,4 +1,4 @@
-"""The wind and the Sun around a burst: what the folders of the settings say of them, in the form the flow needs."""
+"""Solar wind and solar regions around a burst, read from the folders of the settings, for the flow."""
 
 import hashlib
 from collections.abc import Iterable, Mapping
@@ -16,20 +16,25 @@ from bella.catalogue import SourceFile
 from bella.exceptions import InputError, NoDataError
 from bella.plotting import WindScene, write_wind_map_png
 from bella.settings import Settings
-from bella.solar_wind import WindAssimilation, assimilate_wind
-from bella.solar_wind.assimilation import HALF_ROTATION
-from bella.solar_wind.connection import footpoint_companion
-from bella.solar_wind.folder import (
+from bella.solar_wind import (
+    HALF_ROTATION,
     OLDEST_REGIONS,
     InSitu,
     Regions,
+    TrackSpiral,
     UsedFile,
+    WindAssimilation,
+    assimilate_wind,
+    footpoint_companion,
+    line_of_track,
+    measured_wind,
     region_files,
     region_sha256,
     regions_around,
+    speed_at_sources,
     speeds_around,
+    wind_companion,
 )
-from bella.solar_wind.wind_companion import TrackSpiral, line_of_track, wind_companion
 from bella.spacecraft import coverage, position_hee
 from bella.tracks import TrackFit
 from bella.units import FloatArray
@@ -40,7 +45,7 @@ LINE_RSUN = (1.0, 215.0)
 
 @dataclass(frozen=True)
 class Surroundings:
-    """What was measured of the wind, and seen on the Sun, around a burst.
+    """Speeds in situ and solar regions around a burst.
 
     Attributes
     ----------
@@ -75,7 +80,7 @@ class Surroundings:
 
 
 def surroundings_of(start_utc: datetime, settings: Settings) -> Surroundings:
-    """Read what the folders of the settings have for a burst.
+    """Read the speeds and regions of a burst from the folders of the settings.
 
     Parameters
     ----------
@@ -86,7 +91,7 @@ def surroundings_of(start_utc: datetime, settings: Settings) -> Surroundings:
     Returns
     -------
     Surroundings
-        What there is nothing of says why; nothing is refused.
+        Each part is empty with a reason where there is nothing.
     """
     utc = pd.Timestamp(start_utc).tz_convert("UTC").tz_localize(None).to_datetime64().astype("datetime64[ns]")
     return Surroundings(utc, speeds_around(settings.in_situ, utc), regions_around(settings.regions, utc))
@@ -133,7 +138,7 @@ def footpoint_of(fit: TrackFit, observatories: Iterable[str], around: Surroundin
     Returns
     -------
     dict
-        As :func:`bella.solar_wind.connection.footpoint_companion` returns it.
+        As :func:`bella.solar_wind.footpoint_companion` returns it.
 
     Raises
     ------
@@ -146,28 +151,57 @@ def footpoint_of(fit: TrackFit, observatories: Iterable[str], around: Surroundin
     return footpoint_companion(phi0, utc, observatories, around.in_situ.at(utc), around.regions)
 
 
-def wind_of(posterior: xr.Dataset, joint: Mapping[str, Any], around: Surroundings) -> dict[str, Any]:
-    """Wind around a burst, and along its track.
+def wind_of(
+    posterior: xr.Dataset, joint: Mapping[str, Any], scattering: Mapping[str, Any], around: Surroundings
+) -> dict[str, Any]:
+    """Wind around a burst, along its apparent track, and along the field line of its true sources.
 
     Parameters
     ----------
     posterior : xarray.Dataset
         A solution of :func:`bella.multilateration.localise`.
-    joint : mapping
-        Joint fit as it is stored.
+    joint, scattering : mapping
+        Joint fit, and the companion with the spirals corrected for scattering, as they are stored.
     around : Surroundings
 
     Returns
     -------
     dict
-        As :func:`bella.solar_wind.wind_companion.wind_companion` returns it.
+        As :func:`bella.solar_wind.wind_companion` returns it, with ``measured``: for fundamental and harmonic a
+        :class:`bella.records.MeasuredWind`.
 
     Raises
     ------
     NoDataError
         If no speed, or too few, were measured.
     """
-    return wind_companion(around.wind, around.in_situ, fitted_spiral(posterior, joint))
+    found = around.wind
+    corrected = corrected_spirals(posterior, scattering)
+    measured = {word: measured_wind(found, spiral).model_dump(mode="json") for word, spiral in corrected.items()}
+    return wind_companion(found, around.in_situ, fitted_spiral(posterior, joint)) | {"measured": measured}
+
+
+def corrected_spirals(posterior: xr.Dataset, scattering: Mapping[str, Any]) -> dict[str, TrackSpiral]:
+    """Spirals of the true sources, by the harmonic of the emission.
+
+    Parameters
+    ----------
+    posterior : xarray.Dataset
+    scattering : mapping
+        Companion of that name, as it is stored.
+
+    Returns
+    -------
+    dict of str to TrackSpiral
+        Empty where nothing could be corrected.
+    """
+    found = {}
+    for word, spiral in scattering.get("joint", {}).items():
+        distance = np.array([row[word]["range_rsun"] for row in scattering["rows"]], dtype=np.float64)
+        phi0, speed, period_d = spiral["phi0_deg"], float(spiral["v_sw_km_s"]["mean"]), spiral["rotation_period_d"]
+        known, utc = distance[np.isfinite(distance)], _reference(posterior)
+        found[word] = TrackSpiral(float(phi0["mean"]), speed, float(period_d), known, utc, float(phi0["sd"]))
+    return found
 
 
 def fitted_spiral(posterior: xr.Dataset, joint: Mapping[str, Any]) -> TrackSpiral | None:
@@ -236,12 +270,14 @@ def draw_wind(path: Path, posterior: xr.Dataset, track: Mapping[str, Any], aroun
         If no speed, or too few, were measured.
     """
     found, spiral = around.wind, fitted_spiral(posterior, track.get("joint", {}))
-    utc = _reference(posterior)
+    utc, sources = _reference(posterior), _sources_rsun(posterior)
     line, drawn = None, np.empty((0, 3))
     if spiral is not None:
         drawn = spiral.at(np.linspace(*LINE_RSUN, 200))
         if "phi0_deg" in track["companions"]["wind"]["field_line"]:
-            line = line_of_track(found.wind, spiral, found.rotation_period_d)
-    known = [name for name in found.rmse_km_s if coverage(name).start <= utc <= coverage(name).stop]
+            line = line_of_track(found, spiral)
+    known = [name for name in found.left_out if coverage(name).start <= utc <= coverage(name).stop]
     receivers = {name: position_hee(name, [utc], utc)[0] for name in known}
-    write_wind_map_png(path, found.wind, WindScene(utc, _sources_rsun(posterior), line, receivers, drawn))
+    along = speed_at_sources(found, sources, utc)
+    scene = WindScene(utc, sources, line, receivers, drawn, along.mean_km_s, along.sd_km_s)
+    write_wind_map_png(path, found.map_at(utc), scene)

@@ -116,19 +116,20 @@ def companions(  # noqa: PLR0913, PLR0917
     """
     spirals = attempted(lambda: piecewise_fit(posterior))
     density = attempted(lambda: density_companion(posterior))
-    wind = attempted(lambda: wind_of(posterior, fit.record.model_dump(mode="json"), around))
+    scattering = attempted(lambda: scattering_companion(density, fit))
+    wind = attempted(lambda: wind_of(posterior, fit.record.model_dump(mode="json"), scattering, around))
     terms = directed(timing.directions, timing.arrivals, grid.reference_utc)
     return {
         "semp": attempted(lambda: semp_companion(grid)),
         "weighted": spirals.get("weighted", spirals),
         "piecewise": spirals.get("piecewise", spirals),
         "density_excess": density,
-        "scattering": attempted(lambda: scattering_companion(density, fit)),
+        "scattering": scattering,
         "footpoint": attempted(lambda: footpoint_of(fit, grid.observatories, around)),
         "wind": wind,
         "models": attempted(lambda: models_companion(fit, grid, seed)),
         "triangulation": attempted(lambda: triangulation_companion(terms)),
-        "fused": attempted(lambda: fused_companion(fit, grid, terms, known_wind(wind), seed)),
+        "fused": attempted(lambda: fused_companion(fit, grid, terms, known_wind(wind, fit.track.band_mhz), seed)),
     }
 
 

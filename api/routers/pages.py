@@ -46,7 +46,7 @@ FIGURES = {
     ),
     "wind": (
         "Measured wind and track",
-        "Map of the speed of the solar wind seen from ecliptic north, with the track, its spiral and a field line.",
+        "Map of the wind speed seen from ecliptic north, with track, spiral and field line; below, wind along it.",
     ),
 }
 """Title and description of each of `bella.settings.FIT_FIGURES`, and of `WIND_FIGURE`."""

@@ -1,10 +1,11 @@
-"""The solar wind in the plane of the ecliptic with the track of a burst in it, as a PNG file."""
+"""Map of the solar wind in the ecliptic with the track of a burst, and the wind along the track, as a PNG file."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
+import numpy.typing as npt
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.patheffects import withStroke
@@ -35,6 +36,8 @@ class WindScene:
         Spacecraft, solar radii.
     spiral_rsun : ndarray, shape (N, 3)
         Spiral that was fitted to the sources, solar radii; empty for none.
+    along_km_s, along_sd_km_s : ndarray, shape (F,)
+        Speed of the wind at the sources and its standard deviation; NaN where it is not known; empty for none.
     """
 
     utc: np.datetime64
@@ -42,6 +45,8 @@ class WindScene:
     field_line: FieldLine | None = None
     receiver_rsun: Mapping[str, FloatArray] = field(default_factory=dict)
     spiral_rsun: FloatArray = field(default_factory=lambda: np.empty((0, 3)))
+    along_km_s: FloatArray = field(default_factory=lambda: np.empty(0))
+    along_sd_km_s: FloatArray = field(default_factory=lambda: np.empty(0))
 
 
 def write_wind_map_png(path: Path, wind: SteadyWind, scene: WindScene) -> None:
@@ -52,11 +57,17 @@ def write_wind_map_png(path: Path, wind: SteadyWind, scene: WindScene) -> None:
     path : Path
         Its folder is made when it does not exist.
     wind : SteadyWind
-        Or a snapshot of a :class:`bella.solar_wind.WindHistory`.
+        As :meth:`bella.solar_wind.WindAssimilation.map_at` returns it.
     scene : WindScene
     """
-    figure = Figure(figsize=(7.2, 7.0), layout="constrained")
-    axes = figure.add_subplot()
+    known = np.isfinite(scene.along_km_s)
+    if known.any():
+        figure = Figure(figsize=(7.2, 9.0), layout="constrained")
+        axes, below = figure.subplots(2, 1, height_ratios=(4, 1))
+        _draw_along(below, scene, known)
+    else:
+        figure = Figure(figsize=(7.2, 7.0), layout="constrained")
+        axes = figure.add_subplot()
     _draw_wind(figure, axes, wind, scene.utc)
     _draw_surroundings(axes, scene.receiver_rsun)
     _draw_track(axes, scene)
@@ -113,6 +124,18 @@ def _draw_track(axes: Axes, scene: WindScene) -> None:
         x, y = scene.source_rsun[:, 0], scene.source_rsun[:, 1]
         white = [withStroke(linewidth=5.0, foreground="white")]
         axes.plot(x, y, color=style.colour, lw=3, path_effects=white, zorder=4, label=f"track, {APPARENT_SOURCE}")
+
+
+def _draw_along(axes: Axes, scene: WindScene, known: npt.NDArray[np.bool_]) -> None:
+    """Wind at the sources by distance, with a band of one standard deviation."""
+    distance = np.linalg.norm(scene.source_rsun[known], axis=1)
+    order = np.argsort(distance)
+    distance, speed, sd = distance[order], scene.along_km_s[known][order], scene.along_sd_km_s[known][order]
+    colour = TRACK_STYLES[0].colour
+    axes.fill_between(distance, speed - sd, speed + sd, color=colour, alpha=0.25, lw=0)
+    axes.plot(distance, speed, color=colour, lw=2)
+    axes.set_xlabel(r"Distance of the source ($R_\odot$)")
+    axes.set_ylabel("Wind along\nthe track (km/s)")
 
 
 def _finish(axes: Axes, wind: SteadyWind, utc: np.datetime64) -> None:

@@ -1,8 +1,8 @@
-"""Solar wind that rotates with the Sun: its speed at every distance and Carrington longitude, from one inner boundary.
+"""Steady solar wind that rotates with the Sun: its speed at every distance and longitude, and its field lines.
 
-Streams of unlike speed run into one another by Burgers' equation, which in the frame of the Sun is a march outward in
-distance; on top of it every parcel goes on accelerating (Riley & Lionello 2011, Sol. Phys. 270, 575,
-doi:10.1007/s11207-011-9766-x; Owens et al. 2020, Sol. Phys. 295, 43, doi:10.1007/s11207-020-01605-3).
+The speed follows from an inner boundary by Burgers' equation, solved outward in distance in the frame of the Sun; in
+addition every parcel accelerates (Riley & Lionello 2011, Sol. Phys. 270, 575, doi:10.1007/s11207-011-9766-x; Owens et
+al. 2020, Sol. Phys. 295, 43, doi:10.1007/s11207-020-01605-3). A field line obeys dphi/dr = -Omega / v(r, phi).
 """
 
 from dataclasses import dataclass
@@ -18,12 +18,19 @@ ACCELERATION = 0.15
 
 ACCELERATION_SCALE_RSUN = 50.0
 REFERENCE_RSUN = 30.0
-"""Where the acceleration is counted from, whatever the inner boundary."""
+"""Distances of the acceleration law of Riley & Lionello (2011), which counts from 30 solar radii."""
 
 INNER_RSUN = 30.0
+"""Inner boundary of the models whose equations are used here."""
+
 OUTER_RSUN = 240.0
+"""Beyond 1 au (215 solar radii), so that every spacecraft there is inside."""
+
 STEP_RSUN = 1.0
 SLOWEST_KM_S, FASTEST_KM_S = 150.0, 3000.0
+"""Limits of a speed at the boundary, beyond those of any solar wind: 3000 km/s is that of Owens et al. (2020)."""
+
+FEWEST_LONGITUDES = 8
 
 
 @dataclass(frozen=True)
@@ -60,39 +67,14 @@ class SteadyWind:
 
 
 def boundary_longitudes_deg(bins: int) -> FloatArray:
-    """Middles of equal longitude bins.
-
-    Parameters
-    ----------
-    bins : int
-
-    Returns
-    -------
-    numpy.ndarray, shape (bins,)
-        Degrees.
-    """
+    """Middles of equal longitude bins, degrees."""
     return np.asarray((np.arange(bins) + 0.5) * 360.0 / bins)
 
 
 def accelerated_speed_km_s(
     speed_km_s: FloatArray, range_rsun: FloatArray, from_rsun: FloatArray | float = INNER_RSUN
 ) -> FloatArray:
-    """Speed of an undisturbed parcel further out: v0 (1 + a (1 - exp(-(r - 30) / 50))) over the same at the start.
-
-    Parameters
-    ----------
-    speed_km_s : numpy.ndarray
-        Speed at `from_rsun`, km/s.
-    range_rsun : numpy.ndarray
-        Where it is wanted, solar radii; broadcast with `speed_km_s`.
-    from_rsun : float or numpy.ndarray
-        Solar radii; broadcast with the others.
-
-    Returns
-    -------
-    numpy.ndarray
-        km/s.
-    """
+    """Speed of an undisturbed parcel at another distance, in proportion to 1 + a (1 - exp(-(r - 30) / 50))."""
     return np.asarray(speed_km_s * _gain(np.asarray(range_rsun)) / _gain(np.asarray(from_rsun)))
 
 
@@ -137,22 +119,12 @@ def steady_wind(
 
 
 def check_boundary(boundary: FloatArray, inner_rsun: float, outer_rsun: float) -> None:
-    """Refuse a boundary that no solar wind has.
-
-    Parameters
-    ----------
-    boundary : numpy.ndarray, shape (L,)
-        Speeds, km/s.
-    inner_rsun, outer_rsun : float
-        Solar radii.
-
-    Raises
-    ------
-    InputError
-        If a speed is not finite or not that of a solar wind, or the boundaries are not in order.
-    """
-    if boundary.ndim != 1 or boundary.size < 8:
-        raise InputError(f"a boundary of shape {boundary.shape} is too coarse; give at least 8 longitudes in one array")
+    """Raise InputError if a boundary is not that of a solar wind."""
+    if boundary.ndim != 1 or boundary.size < FEWEST_LONGITUDES:
+        raise InputError(
+            f"a boundary of shape {boundary.shape} is too coarse; give at least {FEWEST_LONGITUDES} longitudes "
+            "in one array"
+        )
     if not np.all((boundary >= SLOWEST_KM_S) & (boundary <= FASTEST_KM_S)):
         raise InputError(f"speeds at the boundary must lie between {SLOWEST_KM_S:g} and {FASTEST_KM_S:g} km/s")
     if not 1.0 <= inner_rsun < outer_rsun:
@@ -162,10 +134,9 @@ def check_boundary(boundary: FloatArray, inner_rsun: float, outer_rsun: float) -
 def marched(
     boundary_km_s: FloatArray, inner_rsun: float, outer_rsun: float, rotation_period_d: float
 ) -> tuple[FloatArray, FloatArray]:
-    """Many winds at once, marched outward by upwind steps in distance.
+    """Solve many winds at once, outward by upwind steps: v(r + dr) = v + (dr Omega / dphi) (v(phi + dphi) - v) / v.
 
-    A parcel further out left the Sun at a larger Carrington longitude than the one it is at now, so the difference is
-    taken towards larger longitude: v(r + dr) = v + (dr Omega / dphi) (v(phi + dphi) - v) / v.
+    The difference is taken towards larger longitude, where the parcel came from.
 
     Parameters
     ----------
@@ -214,7 +185,7 @@ def interpolated(
     """
     bins = speed_km_s.shape[1]
     along = (np.asarray(range_rsun) - grid_rsun[0]) / (grid_rsun[1] - grid_rsun[0])
-    # a distance that a turn of frames has rounded is still on the boundary
+    # allow for rounding by a change of frames
     inside = (along >= -1e-9) & (along <= grid_rsun.size - 1 + 1e-9)
     row = np.clip(np.nan_to_num(along).astype(int), 0, grid_rsun.size - 2)
     turned = np.asarray(longitude_deg) / 360.0 * bins - 0.5
@@ -224,3 +195,64 @@ def interpolated(
     near = (1 - right) * speed_km_s[row, low] + right * speed_km_s[row, high]
     far = (1 - right) * speed_km_s[row + 1, low] + right * speed_km_s[row + 1, high]
     return np.where(inside[:, None], (1 - up) * near + up * far, np.nan)
+
+
+def field_lines_deg(
+    wind: SteadyWind,
+    range_rsun: float,
+    longitude_deg: FloatArray,
+    rotation_period_d: float = SIDEREAL_ROTATION_D,
+    speed_factor: FloatArray | None = None,
+) -> FloatArray:
+    """Carrington longitudes of the field lines through points at one distance, at every distance of a wind.
+
+    Parameters
+    ----------
+    wind : SteadyWind
+    range_rsun : float
+        Distance of the points, solar radii.
+    longitude_deg : ndarray, shape (D,)
+        Carrington longitude of each, degrees.
+    rotation_period_d : float
+        Sidereal, days.
+    speed_factor : ndarray, shape (D, R), optional
+        Factor on the speed along each line at `wind.range_rsun`; 1 by default.
+
+    Returns
+    -------
+    ndarray, shape (D, R)
+        Degrees, without jumps. In a wind of one speed this is the spiral of Parker 1958, ApJ 128, 664,
+        doi:10.1086/146579.
+
+    Raises
+    ------
+    InputError
+        If the points are not between the boundaries of the wind.
+    """
+    grid = wind.range_rsun
+    if not grid[0] <= range_rsun <= grid[-1]:
+        raise InputError(
+            f"{range_rsun:g} solar radii is not between the boundaries {grid[0]:g} and {grid[-1]:g}: "
+            "choose a source between them"
+        )
+    start = np.asarray(longitude_deg, dtype=np.float64)
+    factor = np.ones((start.size, grid.size)) if speed_factor is None else speed_factor
+    omega = np.degrees(angular_speed_rad_s(rotation_period_d)) * R_SUN_KM
+
+    def _slope(at_rsun: float, at_deg: FloatArray) -> FloatArray:
+        along = (at_rsun - grid[0]) / (grid[1] - grid[0])
+        left = min(int(along), grid.size - 2)
+        faster = (1 - along + left) * factor[:, left] + (along - left) * factor[:, left + 1]
+        return np.asarray(-omega / (faster * wind.at(np.full(at_deg.size, at_rsun), at_deg)))
+
+    lines = np.empty((start.size, grid.size))
+    outward = int(np.searchsorted(grid, range_rsun))
+    for stops in (range(outward, grid.size), range(outward - 1, -1, -1)):
+        here, now = range_rsun, start
+        for index in stops:  # the midpoint rule
+            step = grid[index] - here
+            middle = now + 0.5 * step * _slope(here, now)
+            now = now + step * _slope(here + 0.5 * step, middle)
+            here = float(grid[index])
+            lines[:, index] = now
+    return lines

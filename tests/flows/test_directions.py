@@ -3,7 +3,6 @@
 from datetime import date
 from typing import Any
 
-import numpy as np
 import pandas as pd
 import pytest
 
@@ -12,13 +11,10 @@ from bella.catalogue import Series
 from bella.multilateration import localise
 from bella.settings import Settings
 from bella.simulation.archive_days import simulate_days
-from bella.tracks import JointModel, JointOptions
 from flows.days import DayFiles, HeardDay, hear, place_burst
-from flows.directions import known_wind
 from flows.inputs import BurstInput
 from flows.solar_wind import surroundings_of
-from flows.tracks import Timing, fitted_track, more_than_times
-from tests.tracks.bursts import simulated, standard
+from flows.tracks import Timing, fitted_track
 
 DAY, SEED = date(2012, 6, 5), 1
 PHI0_DEG = -62.0
@@ -90,27 +86,3 @@ def test_a_burst_of_arrival_times_alone_says_so(given: BurstInput) -> None:
     for name, words in (("triangulation", "no wave directions"), ("fused", "neither wave directions nor")):
         assert companions[name]["flags"] == ["not_computed"]
         assert words in companions[name]["reason"]
-
-
-def test_a_measured_wind_is_as_uncertain_as_its_misfit() -> None:
-    row = {"range_rsun": 50.0, "v_sw_km_s": {"mean": 400.0, "sd": 10.0}}
-    wind = {
-        "along_track": [row, row | {"v_sw_km_s": {"mean": 500.0, "sd": 10.0}}],
-        "observatories": [{"rmse_km_s": 60.0}, {"rmse_km_s": 100.0}],
-    }
-    known = known_wind(wind)
-    assert known is not None
-    assert known.v_sw_km_s == pytest.approx(2 / (1 / 400 + 1 / 500))
-    assert known.sd_km_s == pytest.approx(np.sqrt(10.0**2 + (60.0**2 + 100.0**2) / 2))
-    assert known_wind({"flags": ["not_computed"], "reason": "no files"}) is None
-    assert known_wind(wind | {"along_track": []}) is None
-
-
-def test_a_wind_alone_is_an_ingredient(given: BurstInput) -> None:
-    model = JointModel()
-    grid = simulated(standard(model, 30.0, 400.0), model, np.random.default_rng(2))
-    row = {"range_rsun": 50.0, "v_sw_km_s": {"mean": 400.0, "sd": 10.0}}
-    wind = {"along_track": [row], "observatories": [{"rmse_km_s": 20.0}]}
-    said = more_than_times(Timing(given.arrivals[EDGE]), grid, wind, 25.38, JointOptions(1000))["fused"]
-    assert [one["name"] for one in said["ingredients"]] == ["arrival_times", "wind_prior"]
-    assert said["v_sw_km_s"]["sd"] < 25

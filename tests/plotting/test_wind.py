@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 from matplotlib.figure import Figure
 
-from bella.heliosphere import spiral_position_rsun
+from bella.heliosphere import spiral_longitude_deg, spiral_position_rsun
 from bella.plotting import WindScene, write_wind_map_png
 from bella.plotting.wind import _draw_wind
-from bella.solar_wind import SteadyWind, field_line_through
+from bella.solar_wind import FieldLine, SteadyWind
 from bella.spacecraft import position
 
 BURST = np.datetime64("2012-06-07T19:30", "ns")
@@ -43,8 +43,10 @@ def test_map_is_written_with_everything_in_it_and_with_nothing(tmp_path: Path) -
     scene = WindScene(
         BURST,
         source,
-        field_line_through(wind, source[15], BURST),
+        FieldLine(DISTANCE, spiral_longitude_deg(DISTANCE, 30.0, 400.0), np.empty((0, DISTANCE.size))),
         {name: position(name, [BURST], "hee")[0] for name in ("WIND", "STEREO-A", "STEREO-B")},
+        along_km_s=np.where(np.arange(30) < 5, np.nan, 400.0),
+        along_sd_km_s=np.full(30, 50.0),
     )
     write_wind_map_png(tmp_path / "new" / "full.png", wind, scene)
     write_wind_map_png(tmp_path / "new" / "empty.png", wind, WindScene(BURST))

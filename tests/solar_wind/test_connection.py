@@ -5,8 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from bella.solar_wind import connection_angles, footpoint
-from bella.solar_wind.connection import footpoint_companion
+from bella.solar_wind import connection_angles, footpoint, footpoint_companion
 
 BURST = np.datetime64("2012-06-07T19:30", "ns")
 SCATTER = np.random.default_rng(1).standard_normal(4000)
@@ -47,3 +46,10 @@ def test_an_unknown_spacecraft_takes_nothing_from_the_others() -> None:
     assert known["flags"] == []
     assert unknown["flags"] == ["not_computed"]
     assert "VOYAGER" in unknown["reason"]
+
+
+def test_connections_take_the_measured_speed_where_there_is_one() -> None:
+    wind, ahead = footpoint_companion(30.0 + SCATTER, BURST, ("WIND", "STEREO-A"), {"WIND": 649.0})["connections"]
+    assert (wind["v_sw_km_s"], wind["measured"]) == (649.0, True)
+    assert (ahead["v_sw_km_s"], ahead["measured"]) == (400.0, False)
+    assert wind["connection_angle_deg"]["mean"] < wind["at_600_km_s_deg"]

@@ -222,3 +222,20 @@ def test_no_connection_without_a_speed(speed: float) -> None:
 
 def test_no_region_is_an_empty_table() -> None:
     assert regions_near(drawn(30.0, 10.0), []).empty
+
+
+def test_real_summaries_of_twenty_years_are_read(reference_files: Path) -> None:
+    folder = reference_files.parent / "cases" / "real" / "srs"
+    if not folder.is_dir():
+        pytest.skip("no real summaries")
+    found = {path.name[:8]: read_active_regions(path) for path in sorted(folder.glob("*SRS.txt"))}
+    assert [len(regions) for regions in found.values()] == [4, 1, 4, 7, 9, 10, 11, 10, 2, 8, 3, 5]
+    first = found["19960106"][0]
+    assert (first.name, first.longitude_deg, first.latitude_deg, first.width_deg) == ("7938", 41.0, 12.0, 9.0)
+    # the numbers pass 10 000, and the summaries write 0001 for 10001
+    assert [one.name for one in found["20020624"]][:3] == ["10001", "10005", "10008"]
+    assert "9997" in {one.name for one in found["20020624"]}
+    for name, regions in found.items():
+        issued = np.datetime64(f"{name[:4]}-{name[4:6]}-{name[6:]}")
+        assert {one.utc for one in regions} == {issued}
+        assert all(abs(one.latitude_deg) < 45 and abs(one.longitude_deg) < 95 for one in regions)

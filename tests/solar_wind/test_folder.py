@@ -7,8 +7,7 @@ import numpy as np
 import pytest
 
 from bella.exceptions import InputError
-from bella.solar_wind import hourly_speeds
-from bella.solar_wind.folder import InSitu, regions_around, speeds_around
+from bella.solar_wind import InSitu, hourly_speeds, regions_around, speeds_around
 from tests.solar_wind.test_context import HOLES, SUMMARY
 
 BURST = np.datetime64("2012-06-07T19:30", "ns")

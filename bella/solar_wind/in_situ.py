@@ -1,0 +1,281 @@
+"""Solar wind speeds measured in situ: hourly lists as archives export them, and the folder in which they are found.
+
+The name of a file states what it holds: it begins with the name of a spacecraft (``omni``, ``wind``, ``sta`` or
+``stereoa``, ``stb`` or ``stereob``, ``psp``, ``solo``; dashes and underscores are ignored) and ends in ``.lst``,
+``.dat`` or ``.txt``. Subfolders count; other files are ignored.
+"""
+
+import hashlib
+import os
+import re
+import stat
+from collections.abc import Iterator
+from dataclasses import dataclass
+from functools import lru_cache
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+
+from bella.exceptions import InputError, NoDataError
+from bella.solar_wind.assimilation import HALF_ROTATION
+from bella.spacecraft import coverage
+
+BEGINNINGS = {
+    "omni": "WIND",
+    "wind": "WIND",
+    "stereoa": "STEREO-A",
+    "sta": "STEREO-A",
+    "stereob": "STEREO-B",
+    "stb": "STEREO-B",
+    "psp": "PSP",
+    "solo": "SOLO",
+}
+"""Observatory by the beginning of a name; hourly OMNI counts as measured at Wind, at L1."""
+
+ENDINGS = (".lst", ".dat", ".txt")
+HALF_HOUR, NEAREST_HOUR = np.timedelta64(30, "m"), np.timedelta64(6, "h")
+"""A speed is that of the middle of its hour; one within six hours of a burst is used for it."""
+
+FILES_KEPT = 256
+LARGEST_LIST = 256 << 20
+"""Bytes: OMNI 2 of all years has 180 MB."""
+
+FILL_KM_S = 9999.0
+FASTEST_KM_S = 3000.0
+COLUMNS = ("year", "day_of_year", "hour", "speed_km_s")
+OMNI2_COLUMNS = range(55, 60)
+OMNI2_PLACES = (0, 1, 2, 24)
+"""Places of these four in a record of the yearly OMNI 2 files, to which words were added at the end over the years."""
+
+
+def hourly_speeds(path: Path) -> pd.Series:
+    """Read hourly speeds: lines of year, day of year, hour and speed in km/s, as OMNIWeb and COHOWeb export lists.
+
+    Parameters
+    ----------
+    path : Path
+        Blanks between the columns; 9999 or more where there is no measurement. The yearly files of OMNI 2
+        (``omni2_YYYY.dat``, 55 words and more) are read as they are.
+
+    Returns
+    -------
+    pandas.Series
+        km/s by the UTC start of each hour, ascending; hours without a measurement are left out.
+
+    Raises
+    ------
+    InputError
+        If the file does not hold four columns of numbers, or an hour or speed is impossible.
+    NoDataError
+        If no hour has a measurement.
+    """
+    frame = _numbers(path)
+    valid = frame[frame["speed_km_s"] < FILL_KM_S]
+    if valid.empty:
+        raise NoDataError(f"{path.name} holds no hour with a speed: choose another interval")
+    if not valid["speed_km_s"].between(1.0, FASTEST_KM_S).all():
+        raise InputError(f"{path.name} holds speeds that no solar wind has: give km/s, and 9999 for no measurement")
+    speeds = pd.Series(valid["speed_km_s"].to_numpy(), index=_utc(valid, path), name=path.stem).sort_index()
+    return speeds[~speeds.index.duplicated()]
+
+
+def _numbers(path: Path) -> pd.DataFrame:
+    try:
+        frame = pd.read_csv(path, sep=r"\s+", header=None, comment="#", dtype=np.float64)
+    except (OSError, ValueError) as error:
+        reason = " ".join(str(error).split())
+        raise InputError(f"{path.name} cannot be read ({reason}): give year, day of year, hour, speed") from error
+    if frame.shape[1] in OMNI2_COLUMNS:
+        frame = frame.iloc[:, list(OMNI2_PLACES)]
+    if frame.shape[1] != len(COLUMNS):
+        raise InputError(f"{path.name} has {frame.shape[1]} columns: give year, day of year, hour, speed")
+    return frame.set_axis(list(COLUMNS), axis=1)
+
+
+def _utc(frame: pd.DataFrame, path: Path) -> pd.DatetimeIndex:
+    possible = frame["day_of_year"].between(1, 366) & frame["hour"].between(0, 23) & frame["year"].between(1960, 2200)
+    if not possible.all():
+        raise InputError(
+            f"{path.name}, line {int(np.argmin(possible)) + 1}: no such hour; give year, day of year, hour"
+        )
+    start = pd.to_datetime(frame["year"].astype(int).astype(str), format="%Y")
+    elapsed = (frame["day_of_year"] - 1) * 24 + frame["hour"]
+    return pd.DatetimeIndex(start + pd.to_timedelta(elapsed, unit="h"))
+
+
+@dataclass(frozen=True)
+class UsedFile:
+    """An input file, or several of one spacecraft.
+
+    Attributes
+    ----------
+    kind : str
+        ``in_situ_speed``, ``solar_region_summary`` or ``coronal_holes``.
+    name : str
+        Names of the files.
+    sha256 : str
+        Checksum of the speeds of the rotation, or of the whole file of regions.
+    """
+
+    kind: str
+    name: str
+    sha256: str
+
+
+@dataclass(frozen=True)
+class InSitu:
+    """Hourly speeds of one rotation.
+
+    Attributes
+    ----------
+    speeds : dict of str to pandas.Series
+        By observatory, km/s by UTC.
+    used : tuple of UsedFile
+    left_out : tuple of str
+        Files that could not be read, with the reason.
+    reason : str
+        Why there is no speed; empty where there is one.
+    """
+
+    speeds: dict[str, pd.Series]
+    used: tuple[UsedFile, ...]
+    left_out: tuple[str, ...]
+    reason: str = ""
+
+    def at(self, utc: np.datetime64) -> dict[str, float]:
+        """Speeds measured at a time.
+
+        Parameters
+        ----------
+        utc : numpy.datetime64
+
+        Returns
+        -------
+        dict of str to float
+            By observatory, km/s, of the hour that holds it, or the nearest one with a measurement within six hours.
+        """
+        found = {}
+        for name, series in self.speeds.items():
+            apart = np.abs(series.index.to_numpy() - (utc - HALF_HOUR))
+            if apart.min() <= NEAREST_HOUR:
+                found[name] = float(series.iloc[int(apart.argmin())])
+        return found
+
+
+def speeds_around(folder: Path | None, utc: np.datetime64, half: np.timedelta64 = HALF_ROTATION) -> InSitu:
+    """Hourly speeds of every spacecraft that a folder has for one rotation.
+
+    Parameters
+    ----------
+    folder : Path or None
+    utc : numpy.datetime64
+        Middle of the rotation.
+    half : numpy.timedelta64
+        How much before it, and after it.
+
+    Returns
+    -------
+    InSitu
+        Empty with a reason where there is none; a file that cannot be read is left out.
+    """
+    if folder is None:
+        return InSitu({}, (), (), "no folder of hourly speeds in situ is named: set BELLA_IN_SITU")
+    parts: dict[str, list[tuple[Path, pd.Series]]] = {}
+    left_out = []
+    for path, observatory in _speed_files(folder):
+        try:
+            seen = check_readable(path, LARGEST_LIST)
+            series = _within(_hourly(path, seen.st_mtime_ns, seen.st_size), utc, half)
+            series = _placed(series, observatory)
+        except (InputError, NoDataError, OSError) as error:
+            left_out.append(why_left_out(path, error))
+            continue
+        if len(series):
+            parts.setdefault(observatory, []).append((path, series))
+    speeds = {name: _joined([series for _, series in parts[name]]) for name in sorted(parts)}
+    used = tuple(_used_speeds(name, [path for path, _ in parts[name]], speeds[name]) for name in speeds)
+    return InSitu(speeds, used, tuple(left_out), "" if speeds else _no_speeds(folder, utc, left_out))
+
+
+def why_left_out(path: Path, error: Exception) -> str:
+    """Why a file is left out, in one line that begins with its name."""
+    said = (error.strerror or "cannot be read") if isinstance(error, OSError) else str(error)
+    return f"left out: {said if said.startswith(path.name) else f'{path.name}, {said}'}"
+
+
+def _speed_files(folder: Path) -> list[tuple[Path, str]]:
+    found = []
+    for path in files_below(folder):
+        plain = re.sub(r"[-_]", "", path.name.lower())
+        names = [name for beginning, name in BEGINNINGS.items() if plain.startswith(beginning)]
+        if names:
+            found.append((path, names[0]))
+    return sorted(found)
+
+
+def files_below(folder: Path) -> Iterator[Path]:
+    """Files below a folder whose names end like those that are read, in any order."""
+    for below, _, names in os.walk(folder):
+        yield from (Path(below, name) for name in names if name.lower().endswith((*ENDINGS, ".csv")))
+
+
+def check_readable(path: Path, largest: int) -> os.stat_result:
+    """Status of a file that can be read without risk.
+
+    Raises
+    ------
+    InputError
+        If it is no regular file, such as a pipe, or too large.
+    OSError
+        If its status cannot be read.
+    """
+    seen = path.stat()
+    if not stat.S_ISREG(seen.st_mode):
+        raise InputError(f"{path.name} is not a file: give one in its place")
+    if seen.st_size > largest:
+        raise InputError(f"{path.name} has {seen.st_size} bytes, too many for what its name says it holds")
+    return seen
+
+
+@lru_cache(FILES_KEPT)
+def _hourly(path: Path, _changed_ns: int, _size: int) -> pd.Series:
+    """Speeds of a file, kept until it changes: many bursts need the same years."""
+    return hourly_speeds(path)
+
+
+def _within(series: pd.Series, utc: np.datetime64, half: np.timedelta64) -> pd.Series:
+    hours = series.index.to_numpy()
+    return series[(hours >= utc - half) & (hours < utc + half)]
+
+
+def _placed(series: pd.Series, observatory: str) -> pd.Series:
+    """Speeds of the hours that the ephemeris covers."""
+    known, hours = coverage(observatory), series.index.to_numpy()
+    placed = series[(hours >= known.start) & (hours <= known.stop)]
+    if len(series) and not len(placed):
+        raise NoDataError(f"no position of {observatory} is known then; bella update-ephemeris may bring it")
+    return placed
+
+
+def _joined(parts: list[pd.Series]) -> pd.Series:
+    """All hours; where several files have the same hour, the value of the last."""
+    whole: pd.Series = pd.concat(parts)
+    return whole[~whole.index.duplicated(keep="last")].sort_index()
+
+
+def _used_speeds(observatory: str, paths: list[Path], series: pd.Series) -> UsedFile:
+    text = observatory + "".join(f"\n{hour:%Y-%m-%dT%H} {speed:.2f}" for hour, speed in series.items())
+    names = ", ".join(dict.fromkeys(path.name for path in paths))
+    return UsedFile("in_situ_speed", names, hashlib.sha256(text.encode()).hexdigest())
+
+
+def _no_speeds(folder: Path, utc: np.datetime64, left_out: list[str]) -> str:
+    if not folder.is_dir():
+        return "the folder of hourly speeds is not there: name it in BELLA_IN_SITU"
+    if left_out:
+        return left_out[0]
+    return (
+        f"no file of BELLA_IN_SITU has a speed of the rotation around {utc.astype('datetime64[D]')}: "
+        f"add hourly lists whose names begin with {', '.join(BEGINNINGS)}"
+    )
