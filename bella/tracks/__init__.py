@@ -10,9 +10,8 @@ from bella.tracks.joint_ingredients import Ingredients, JointOptions
 from bella.tracks.joint_model import JointModel, JointPriors
 from bella.tracks.joint_nuts import sample_joint_nuts
 from bella.tracks.joint_observed import WindPrior
-from bella.tracks.piecewise import PiecewiseSpiral, SpiralSegment, fit_piecewise_spiral, piecewise_fit
 from bella.tracks.scattering import CorrectedSource, ScatteringModel, corrected_source, scattering_model
-from bella.tracks.two_step import SpiralLine, fit_spiral_line, track_fit
+from bella.tracks.spiral import Segment, Spiral, fit_spiral, piecewise_fit, track_fit
 from bella.tracks.wave_directions import wave_directions
 
 __all__ = [
@@ -26,10 +25,9 @@ __all__ = [
     "JointOptions",
     "JointPriors",
     "ModelEvidence",
-    "PiecewiseSpiral",
     "ScatteringModel",
-    "SpiralLine",
-    "SpiralSegment",
+    "Segment",
+    "Spiral",
     "TrackRecipe",
     "WindPrior",
     "check_directions",
@@ -40,8 +38,7 @@ __all__ = [
     "fit_fused",
     "fit_ingredients",
     "fit_joint",
-    "fit_piecewise_spiral",
-    "fit_spiral_line",
+    "fit_spiral",
     "fit_track",
     "fused_json",
     "inferred_density_cm3",

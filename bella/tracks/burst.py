@@ -20,7 +20,7 @@ from bella.tracks.joint_fit import JointFit, wind_segments
 from bella.tracks.joint_ingredients import Ingredients, JointOptions
 from bella.tracks.joint_model import JointModel
 from bella.tracks.joint_observed import WindPrior
-from bella.tracks.two_step import track_fit
+from bella.tracks.spiral import track_fit
 
 FRAME = "HEE"
 FEW_DRAWS = 100

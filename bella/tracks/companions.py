@@ -14,9 +14,9 @@ from bella.arrivals import ArrivalGrid
 from bella.flags import OPEN_PROFILE
 from bella.heliosphere import DENSITY_MODELS, emission_range_rsun, spiral_path_rsun
 from bella.heliosphere.polar import polar_covariance
+from bella.records import Parameter
 from bella.tracks.density_excess import HARMONICS, density_excess
 from bella.tracks.semp import SEMP_ROTATION_D, SempFit, SempTimes, fit_semp, semp_residual_s
-from bella.tracks.two_step import gaussian_parameter
 from bella.units import C_KM_S, R_SUN_KM, FloatArray
 
 MODEL = DENSITY_MODELS["leblanc"]
@@ -63,7 +63,7 @@ def semp_companion(grid: ArrivalGrid, v_sw_km_s: float = ASSUMED_WIND_KM_S) -> d
     return {
         "model": f"one beam, distances by {MODEL.name} x {SEMP_DENSER:g}, fundamental, wind {v_sw_km_s:g} km/s assumed",
         "phi0_deg": {"mean": fit.phi0_deg, "sd": phi0_sd, **_ends(intervals)},
-        "beam_speed_c": gaussian_parameter(fit.beam_speed_c, beam_sd),
+        "beam_speed_c": Parameter.gaussian(fit.beam_speed_c, beam_sd).model_dump(),
         "release_utc": _moment(grid, fit.release_s, release_sd),
         "v_sw_km_s": v_sw_km_s,
         "rms_s": fit.rms_s,
