@@ -188,8 +188,7 @@ def write_density_png(
     posterior : xarray.Dataset
         A solution of :func:`bella.multilateration.localise`.
     corrected_rsun : mapping of str to numpy.ndarray, shape (F,), optional
-        Distances of the emission by the label of a correction for scattering, as
-        :func:`bella.tracks.corrected_source` gives them; at most two.
+        Distances of the emission by the name of a correction for scattering; at most two.
 
     Raises
     ------

@@ -21,9 +21,8 @@ import pandas as pd
 from bella.arrivals import POSITION
 from bella.csv_tables import parse_table, read_table_text
 from bella.exceptions import InputError
-from bella.spacecraft import position_hee
+from bella.spacecraft import cartesian, position_hee
 from bella.tracks.joint_model import JointModel
-from bella.tracks.triangulation import direction
 from bella.units import FloatArray
 
 REQUIRED = ("observatory", "frequency_mhz", "sigma_deg")
@@ -247,7 +246,7 @@ def direction_terms(
     return DirectionTerms(
         table["frequency_mhz"].to_numpy(dtype=np.float64),
         np.array(receiver, dtype=np.float64),
-        direction(90 - table["latitude_deg"].to_numpy(), table["longitude_deg"].to_numpy()),
+        cartesian(1.0, table["longitude_deg"].to_numpy(), table["latitude_deg"].to_numpy()),
         table["sigma_deg"].to_numpy(dtype=np.float64),
         floor_deg,
         tuple(map(str, table["observatory"])),

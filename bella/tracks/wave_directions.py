@@ -14,8 +14,7 @@ import pandas as pd
 import xarray as xr
 
 from bella.exceptions import InputError
-from bella.spacecraft import hee_from, position_hee
-from bella.tracks.triangulation import direction
+from bella.spacecraft import cartesian, hee_from, position_hee
 from bella.units import FloatArray
 
 ANGLES = ("wave_colatitude_{}_deg", "wave_azimuth_{}_deg")
@@ -70,7 +69,7 @@ def wave_directions(spectrum: xr.Dataset, window: tuple[np.datetime64, np.dateti
     sunwards = -position_hee(name, np.array([utc]), utc)[0]
     flux = shown["intensity"].to_numpy().astype(np.float64)
     colatitude, azimuth = (shown[angle.format(frame)].to_numpy().ravel() for angle in ANGLES)
-    towards = direction(colatitude, azimuth).reshape(*flux.shape, 3)
+    towards = cartesian(1.0, azimuth, 90.0 - colatitude).reshape(*flux.shape, 3)
     if frame == "rtn":
         towards = towards @ _sunward_axes(sunwards, utc)
     return _table(name, shown["frequency"].to_numpy(), _mean_directions(flux, towards), sunwards)
