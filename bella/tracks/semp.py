@@ -155,8 +155,8 @@ def semp_residual_s(
     path = spiral_path_rsun(times.range_rsun, v_sw_km_s, rotation_period_d)
     design = np.column_stack([np.ones_like(path), path])
     emitted_s = times.arrival_s - light_s
-    solution = np.linalg.lstsq(times.whitened(design), times.whitened(emitted_s.T), rcond=None)[0].T
-    return emitted_s - solution @ design.T, solution
+    solution: FloatArray = np.linalg.lstsq(times.whitened(design), times.whitened(emitted_s.T), rcond=None)[0].T
+    return np.asarray(emitted_s - solution @ design.T), solution
 
 
 def fit_semp(
@@ -189,7 +189,7 @@ def fit_semp(
 
     def _cost_s(phi0_deg: float | FloatArray) -> FloatArray:
         residual_s = semp_residual_s(times, phi0_deg, v_sw_km_s, light_km_s, rotation_period_d)[0]
-        return np.sqrt(times.chi2(residual_s) / total)
+        return np.asarray(np.sqrt(times.chi2(residual_s) / total))
 
     scanned = np.arange(-180.0, 180.0, SCAN_DEG)
     start = float(scanned[_cost_s(scanned).argmin()])
@@ -272,7 +272,7 @@ def semp_times(grid: ArrivalGrid) -> SempTimes:
     """
     row, column = np.nonzero(np.isfinite(grid.arrival_s))
     try:
-        weight = np.linalg.inv(grid.covariance_s2())
+        weight: FloatArray = np.linalg.inv(grid.covariance_s2())
     except np.linalg.LinAlgError as error:
         raise InputError("arrival times have errors of 0: give each an error above 0") from error
     return SempTimes(
