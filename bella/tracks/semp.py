@@ -155,8 +155,8 @@ def semp_residual_s(
     path = spiral_path_rsun(times.range_rsun, v_sw_km_s, rotation_period_d)
     design = np.column_stack([np.ones_like(path), path])
     emitted_s = times.arrival_s - light_s
-    solution: FloatArray = np.linalg.lstsq(times.whitened(design), times.whitened(emitted_s.T), rcond=None)[0].T
-    return np.asarray(emitted_s - solution @ design.T), solution
+    solution = np.linalg.lstsq(times.whitened(design), times.whitened(emitted_s.T), rcond=None)[0].T
+    return np.asarray(emitted_s - solution @ design.T), np.asarray(solution, dtype=np.float64)
 
 
 def fit_semp(
@@ -272,7 +272,7 @@ def semp_times(grid: ArrivalGrid) -> SempTimes:
     """
     row, column = np.nonzero(np.isfinite(grid.arrival_s))
     try:
-        weight: FloatArray = np.linalg.inv(grid.covariance_s2())
+        weight = np.asarray(np.linalg.inv(grid.covariance_s2()), dtype=np.float64)
     except np.linalg.LinAlgError as error:
         raise InputError("arrival times have errors of 0: give each an error above 0") from error
     return SempTimes(

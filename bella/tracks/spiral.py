@@ -23,7 +23,7 @@ from bella.exceptions import GeometryError, InputError
 from bella.heliosphere import PAPER_FIGURES_ROTATION_D, SIDEREAL_ROTATION_D, angular_speed_rad_s
 from bella.heliosphere.parker import SPIRAL_ORIGIN_RSUN
 from bella.heliosphere.polar import has_longitude, planar_positions, polar_covariance
-from bella.records import QUANTILES, Parameter
+from bella.records import QUANTILES, Parameter, finite
 from bella.units import R_SUN_KM, FloatArray, within_half_turn_deg
 
 MIN_POINTS = 3
@@ -195,6 +195,11 @@ class Spiral:
     masked: int
 
     @property
+    def phi0(self) -> Parameter:
+        """Longitude at 1 solar radius, degrees."""
+        return Parameter.gaussian(self.phi0_deg, self.phi0_sd_deg)
+
+    @property
     def knots_rsun(self) -> tuple[float, ...]:
         """Distances at which the speed changes."""
         return tuple(segment.from_rsun for segment in self.segments[1:])
@@ -315,7 +320,9 @@ def fit_broken_line(points: Points, knots: int, origin: float = 0.0) -> BrokenLi
     -----
     The errors are those of York et al. 2004, from the adjusted points, and take the knots as known.
     """
-    straight = _refined(points, _straight_start(points, origin), np.empty(0), origin)
+    none = np.empty(0)
+    flat, _ = _weighted(points, none, np.zeros(1), origin)
+    straight = _refined(points, _weighted(points, none, flat[1:2], origin)[0], none, origin)
     if not knots:
         return straight
     placements = _placements(points, straight, knots, origin)
@@ -332,11 +339,6 @@ def _enough_in_each(x: FloatArray, knot: FloatArray) -> bool:
 def _design(x: FloatArray, knot: FloatArray, origin: float) -> FloatArray:
     """Columns of value, first slope, and change of slope at each knot, shape (N, 2 + K)."""
     return np.column_stack([np.ones_like(x), x - origin, *(np.maximum(x - k, 0.0) for k in knot)])
-
-
-def _straight_start(points: Points, origin: float) -> FloatArray:
-    solution, _ = _weighted(points, np.empty(0), np.zeros(1), origin)
-    return _weighted(points, np.empty(0), solution[1:2], origin)[0]
 
 
 def _weighted(points: Points, knot: FloatArray, slope: FloatArray, origin: float) -> tuple[FloatArray, float]:
@@ -446,23 +448,24 @@ def track_fit(
     position = np.stack([posterior["x_rsun"].to_numpy(), posterior["y_rsun"].to_numpy()], axis=-1)
     try:
         spiral = fit_spiral(position)
+        flags = spiral.segments[0].flags
     except GeometryError:
-        spiral = None
+        nowhere = Segment(math.nan, math.nan, math.nan, math.nan)
+        spiral = Spiral(math.nan, math.nan, (nowhere,), math.nan, (), len(position), 0)
+        flags = ("too_few_positions",)
 
     def line(period_d: float) -> dict[str, Any]:
         """The fit with a rotation period."""
-        segment = spiral.segments[0] if spiral else None
-        phi0 = Parameter.gaussian(spiral.phi0_deg, spiral.phi0_sd_deg) if spiral else Parameter()
         return {
             "model": "longitude on distance, unweighted line through posterior means",
-            "phi0_deg": phi0.model_dump(),
-            "v_sw_km_s": (segment.v_sw_km_s(period_d) if segment else Parameter()).model_dump(),
-            "slope_deg_per_rsun": (segment.slope if segment else Parameter()).model_dump(),
+            "phi0_deg": spiral.phi0.model_dump(),
+            "v_sw_km_s": spiral.segments[0].v_sw_km_s(period_d).model_dump(),
+            "slope_deg_per_rsun": spiral.segments[0].slope.model_dump(),
             "r0_rsun": SPIRAL_ORIGIN_RSUN,
-            "rms_deg": spiral.rms_deg if spiral else None,
-            "points": spiral.points if spiral else len(position),
+            "rms_deg": finite(spiral.rms_deg),
+            "points": spiral.points,
             "rotation_period_d": period_d,
-            "flags": list(segment.flags) if segment else ["too_few_positions"],
+            "flags": list(flags),
         }
 
     return {
@@ -518,11 +521,11 @@ def _as_json(spiral: Spiral, rotation_period_d: float) -> dict[str, Any]:
     ]
     return {
         "model": f"longitude on distance, errors in both, {knots} knots of at most {most}",
-        "phi0_deg": Parameter.gaussian(spiral.phi0_deg, spiral.phi0_sd_deg).model_dump(),
+        "phi0_deg": spiral.phi0.model_dump(),
         "r0_rsun": SPIRAL_ORIGIN_RSUN,
         "segments": segments,
         "chi2": spiral.chi2,
-        "bic": [value if math.isfinite(value) else None for value in spiral.bic],
+        "bic": [finite(value) for value in spiral.bic],
         "points": spiral.points,
         "masked": spiral.masked,
         "rotation_period_d": rotation_period_d,
