@@ -146,6 +146,24 @@ class ArrivalGrid:
         return np.where(absent[:, :, None] | absent[:, None, :], np.nan, covariance)
 
 
+def evenly_spread(frequency_mhz: FloatArray, most: int) -> IntArray:
+    """Places of frequencies that are spread evenly in logarithm.
+
+    Parameters
+    ----------
+    frequency_mhz : ndarray, shape (F,)
+    most : int
+
+    Returns
+    -------
+    ndarray of int, shape (most,) or fewer
+        Ascending; the lowest and the highest frequency among them.
+    """
+    log = np.log(frequency_mhz)
+    wanted = np.linspace(log.min(), log.max(), most)
+    return np.unique(np.abs(log[:, None] - wanted).argmin(axis=0))
+
+
 def read_arrivals(path: Path, heard_by: int = MIN_OBSERVATORIES) -> pd.DataFrame:
     """Read and check an arrival table from a CSV file.
 

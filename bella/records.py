@@ -3,12 +3,17 @@
 Everything here is frozen and is written to JSON as it stands; numbers that are not known are None.
 """
 
+import math
+from statistics import NormalDist
 from typing import Any, Literal
 
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field
 
 Tier = Literal["final", "preliminary"]
+
+QUANTILES = {"q2_5": 0.025, "q16": 0.16, "q50": 0.5, "q84": 0.84, "q97_5": 0.975}
+"""Quantiles that every parameter is stored with: the median, and the ends of the 68 % and the 95 % interval."""
 
 
 class Record(BaseModel):
@@ -31,6 +36,14 @@ class Parameter(Record):
         default=None, description="Width of the 68 % interval over that of the prior; null for a prior without a width."
     )
 
+    @classmethod
+    def gaussian(cls, mean: float, sd: float) -> "Parameter":
+        """Gaussian with this mean and standard deviation; empty where one of them is not finite."""
+        if not (math.isfinite(mean) and math.isfinite(sd)):
+            return cls()
+        quantiles = {name: mean + sd * NormalDist().inv_cdf(level) for name, level in QUANTILES.items()}
+        return cls(mean=mean, sd=sd, **quantiles)
+
 
 class Moment(Record):
     """Posterior of a time: UTC as ISO 8601 with Z, and its standard deviation in seconds."""
@@ -42,6 +55,23 @@ class Moment(Record):
     q97_5: str | None = None
     mean: str | None = None
     sd: float | None = None
+
+    @classmethod
+    def after(cls, reference_utc: np.datetime64, seconds: Parameter) -> "Moment":
+        """Time that is so many seconds after another."""
+        start = reference_utc.astype("datetime64[ms]")
+        known = {name: getattr(seconds, name) for name in (*QUANTILES, "mean")}
+        stamps = {
+            name: f"{start + np.timedelta64(round(value * 1e3), 'ms')}Z"
+            for name, value in known.items()
+            if value is not None
+        }
+        return cls(sd=seconds.sd, **stamps)
+
+
+def finite(value: float) -> float | None:
+    """A number as records hold it: None where it is not finite."""
+    return float(value) if math.isfinite(value) else None
 
 
 class Interval(Record):

@@ -1,6 +1,7 @@
 """Wave directions of a burst, in the form that a fit takes."""
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -11,10 +12,9 @@ from bella.exceptions import BellaError
 from bella.records import MeasuredWind
 from bella.spectra import power_above_background
 from bella.tracks import WindPrior, measured_wind
-from bella.tracks.direction_companions import FLOOR_DEG
-from bella.tracks.directions import DirectionTerms, direction_terms
+from bella.tracks.directions import DirectionTerms, direction_terms, wave_directions
 from bella.tracks.scattering import apparent_over_true
-from bella.tracks.wave_directions import wave_directions
+from bella.tracks.triangulation import FLOOR_DEG
 
 log = structlog.get_logger(__name__)
 
@@ -36,7 +36,7 @@ def burst_directions(spectra: Iterable[xr.Dataset], window: Window, band_mhz: tu
     Returns
     -------
     pandas.DataFrame
-        As :func:`bella.tracks.wave_directions` returns it; of no rows where no spectrum carries directions.
+        As :func:`bella.tracks.directions` returns it; of no rows where no spectrum carries directions.
     """
     parts = [pd.DataFrame()]
     for spectrum in spectra:

@@ -14,14 +14,13 @@ from bella.flags import NOT_COMPUTED
 from bella.multilateration.priors import apply_sigma_rule, find_preset
 from bella.settings import Settings
 from bella.tracks import TrackFit, fit_track, track_record, with_joint_draws
-from bella.tracks.companions import density_companion, semp_companion
 from bella.tracks.compare import fused_companion, models_companion
-from bella.tracks.direction_companions import FLOOR_DEG, triangulation_companion
 from bella.tracks.fit import FEWEST_DRAWS
 from bella.tracks.model import TrackModel
-from bella.tracks.piecewise import piecewise_fit
-from bella.tracks.scattering_companion import scattering_companion
-from bella.tracks.two_step import track_fit
+from bella.tracks.scattering import density_companion, scattering_companion
+from bella.tracks.semp import semp_companion
+from bella.tracks.spiral import piecewise_fit, track_fit
+from bella.tracks.triangulation import FLOOR_DEG, triangulation_companion
 from flows.directions import directed, known_wind
 from flows.solar_wind import Surroundings, footpoint_of, wind_of
 
@@ -116,7 +115,7 @@ def companions(  # noqa: PLR0913, PLR0917
     """
     spirals = attempted(lambda: piecewise_fit(posterior))
     density = attempted(lambda: density_companion(posterior))
-    scattering = attempted(lambda: scattering_companion(density, fit))
+    scattering = attempted(lambda: scattering_companion(posterior, fit))
     wind = attempted(lambda: wind_of(posterior, fit.record.model_dump(mode="json"), scattering, around))
     terms = directed(timing.directions, timing.arrivals, grid.reference_utc)
     return {

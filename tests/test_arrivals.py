@@ -13,6 +13,7 @@ from bella.arrivals import (
     arrival_grid,
     arrivals_csv,
     check_arrivals,
+    evenly_spread,
     locate_receivers,
     parse_arrivals,
     read_arrivals,
@@ -360,3 +361,11 @@ def test_any_damage_to_a_good_table_is_refused_in_one_line_or_harmless(text, sta
 def test_any_cells_are_refused_in_one_line_or_taken(cells) -> None:
     quoted = ",".join('"' + value.replace('"', '""') + '"' for value in cells)
     refused_or_taken("\n".join([HEADING, *ROWS, quoted]))
+
+
+def test_frequencies_are_picked_evenly_in_logarithm() -> None:
+    frequency_mhz = np.concatenate([np.linspace(1.0, 2.0, 200), np.array([4.0, 8.0, 16.0])])
+    places = evenly_spread(frequency_mhz, 5)
+    np.testing.assert_allclose(frequency_mhz[places], [1.0, 2.0, 4.0, 8.0, 16.0])
+    assert evenly_spread(frequency_mhz[::-1], 3).tolist() == sorted(evenly_spread(frequency_mhz[::-1], 3).tolist())
+    assert evenly_spread(np.array([0.3]), 5).tolist() == [0]

@@ -3,11 +3,32 @@
 import math
 
 import numpy as np
+import xarray as xr
 
 from bella.units import FloatArray
 
 NEAREST_SIGMAS = 3.0
 """A position nearer to the Sun than this many of its errors has no longitude to speak of."""
+
+
+def planar_positions(posterior: xr.Dataset) -> tuple[FloatArray, FloatArray]:
+    """Positions of a solution in the plane of the ecliptic, and their covariances.
+
+    Parameters
+    ----------
+    posterior : xarray.Dataset
+        Variables ``x_rsun, y_rsun, cov_xx_rsun2, cov_xy_rsun2, cov_yy_rsun2`` over ``frequency``.
+
+    Returns
+    -------
+    tuple of numpy.ndarray
+        Solar radii, shape (F, 2), and solar radii squared, shape (F, 2, 2).
+    """
+    x, y, xx, xy, yy = (
+        posterior[name].to_numpy().astype(np.float64)
+        for name in ("x_rsun", "y_rsun", "cov_xx_rsun2", "cov_xy_rsun2", "cov_yy_rsun2")
+    )
+    return np.stack([x, y], -1), np.stack([np.stack([xx, xy], -1), np.stack([xy, yy], -1)], -2)
 
 
 def polar_covariance(position_rsun: FloatArray, covariance_rsun2: FloatArray) -> tuple[FloatArray, FloatArray]:

@@ -18,7 +18,7 @@ from bella.flags import APPARENT_SOURCE
 from bella.heliosphere import DENSITY_MODELS, emission_frequency_mhz, spiral_longitude_deg
 from bella.heliosphere.density import CORONA_RSUN
 from bella.heliosphere.parker import SPIRAL_ORIGIN_RSUN
-from bella.heliosphere.polar import has_longitude, polar_covariance
+from bella.heliosphere.polar import has_longitude, planar_positions, polar_covariance
 from bella.plotting.geometry import PolarTrack, polar_track, spread_indices
 from bella.plotting.palette import FREQUENCY_TICKS_MHZ, TRACK_STYLES
 from bella.plotting.printed import save_png
@@ -71,15 +71,9 @@ def _without_jumps(track: PolarTrack) -> FloatArray:
     return longitude
 
 
-def _covariance(posterior: xr.Dataset) -> FloatArray:
-    xx, xy, yy = (posterior[f"cov_{pair}_rsun2"].to_numpy().astype(np.float64) for pair in ("xx", "xy", "yy"))
-    return np.stack([np.stack([xx, xy], -1), np.stack([xy, yy], -1)], -2)
-
-
 def _draw_ellipses(axes: Axes, posterior: xr.Dataset, longitude: FloatArray) -> None:
     """One standard deviation in distance and longitude, for some of the positions that have a longitude."""
-    position = np.stack([posterior["x_rsun"].to_numpy(), posterior["y_rsun"].to_numpy()], axis=-1)
-    place, covariance = polar_covariance(position, _covariance(posterior))
+    place, covariance = polar_covariance(*planar_positions(posterior))
     distance = place[:, 0]
     far = np.flatnonzero(has_longitude(distance, covariance[:, 0, 0]))
     if not far.size:
@@ -194,8 +188,7 @@ def write_density_png(
     posterior : xarray.Dataset
         A solution of :func:`bella.multilateration.localise`.
     corrected_rsun : mapping of str to numpy.ndarray, shape (F,), optional
-        Distances of the emission by the label of a correction for scattering, as
-        :func:`bella.tracks.corrected_source` gives them; at most two.
+        Distances of the emission by the name of a correction for scattering; at most two.
 
     Raises
     ------

@@ -18,7 +18,7 @@ from bella.tracks.compare import fused_companion, models_companion
 from bella.tracks.directions import direction_terms
 from bella.tracks.fit import DRAWS, TrackFit, fit_track
 from bella.tracks.model import TrackModel, WindPrior
-from bella.tracks.two_step import track_fit
+from bella.tracks.spiral import track_fit
 from bella.units import FloatArray
 
 FEW_DRAWS = 100
@@ -113,7 +113,7 @@ def track_record(fit: TrackFit, line: dict[str, Any], companions: dict[str, dict
     ----------
     fit : TrackFit
     line : dict
-        Two-step fit, as :func:`bella.tracks.two_step.track_fit` returns it.
+        Two-step fit, as :func:`bella.tracks.spiral.track_fit` returns it.
     companions : dict
 
     Returns

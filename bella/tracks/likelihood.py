@@ -16,9 +16,8 @@ from bella.tracks.directions import DirectionTerms
 from bella.tracks.model import STEP, Rows, Track
 from bella.units import FloatArray
 
-
 LEAST_S = 0.1
-"""Independent error that every arrival time has at least: times along a smooth curve have a covariance that is singular."""
+"""Independent error that every arrival time has at least: the covariance of times along a smooth curve is singular."""
 
 
 @dataclass(frozen=True)

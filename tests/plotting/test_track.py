@@ -13,7 +13,7 @@ from bella.exceptions import InputError
 from bella.plotting import write_density_png, write_polar_fit_png
 from bella.plotting.geometry import polar_track
 from bella.plotting.track import _draw_ellipses, _draw_fits, _draw_models, _without_jumps
-from bella.tracks import corrected_source, piecewise_fit, scattering_model, track_fit
+from bella.tracks import piecewise_fit, scattering_models, track_fit
 from tests.plotting.synthetic import synthetic_posterior
 
 ORANGE = np.array([0xD9, 0x5F, 0x02]) / 255.0
@@ -87,11 +87,11 @@ def test_polar_figure_of_a_track_too_near_for_a_fit(tmp_path: Path) -> None:
 
 def test_density_figure_is_written(tmp_path: Path) -> None:
     posterior = synthetic_posterior()
-    track, model = polar_track(posterior), scattering_model("kontar-2023-harmonic")
-    source = corrected_source(track.range_rsun, 0 * track.range_rsun, track.frequency_mhz, model)
+    track, model = polar_track(posterior), scattering_models()["harmonic"]
+    corrected_rsun = track.range_rsun / model.radius_factor(track.frequency_mhz)
 
     write_density_png(tmp_path / "apparent.png", posterior)
-    write_density_png(tmp_path / "corrected.png", posterior, {source.label: source.range_rsun})
+    write_density_png(tmp_path / "corrected.png", posterior, {model.name: corrected_rsun})
 
     orange = [
         int((np.abs(matplotlib.image.imread(tmp_path / name)[..., :3] - ORANGE).max(axis=-1) < 0.02).sum())

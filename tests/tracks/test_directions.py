@@ -10,8 +10,7 @@ from scipy.stats import multivariate_normal
 
 from bella.exceptions import InputError
 from bella.spectra import open_spectra
-from bella.tracks.directions import DirectionTerms, check_directions, direction_terms, read_directions
-from bella.tracks.wave_directions import wave_directions
+from bella.tracks.directions import DirectionTerms, check_directions, direction_terms, read_directions, wave_directions
 
 SOURCE_RSUN = np.array([40.0, -7.8, 0.0])
 EPOCH = np.datetime64("2012-06-07T19:00", "ns")
