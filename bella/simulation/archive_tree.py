@@ -22,7 +22,7 @@ from bella.simulation.archive_files import (
     write_wind_h1,
     write_wind_l2,
 )
-from bella.simulation.minutes import filled_in_frequency
+from bella.simulation.receiver import filled_in_frequency
 from bella.spacecraft import position
 from bella.spectra.archive_datasets import find_datasets
 from bella.spectra.dynamic_spectrum import sample_times

@@ -61,11 +61,21 @@ class Conditions:
     gaps_s : tuple of (float, float)
         When nothing was recorded, seconds after midnight.
     gain : Gain
+    clip : float
+        Largest power that the receiver gives, in units of the background: brighter peaks are flat.
+    lowest_mhz : float
+        Channels below have no data.
+    fast_from_s : float
+        When the receiver begins to sample in the fast one of its modes, seconds after midnight; infinite for a receiver
+        that stays in the mode it is in.
     """
 
     nuisances: tuple[Nuisance, ...] = ()
     gaps_s: tuple[tuple[float, float], ...] = ()
     gain: Gain = Gain()
+    clip: float = np.inf
+    lowest_mhz: float = 0.0
+    fast_from_s: float = np.inf
 
 
 @dataclass(frozen=True)
