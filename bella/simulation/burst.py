@@ -27,7 +27,7 @@ from bella.heliosphere import (
     spiral_longitude_deg,
     spiral_path_rsun,
 )
-from bella.simulation.light_curves import Pulses, PulseLaw, pulses
+from bella.simulation.light_curves import PulseLaw, Pulses, pulses
 from bella.spacecraft import position_hee
 from bella.units import AU_RSUN, C_RSUN_S, R_SUN_KM, FloatArray
 
@@ -56,7 +56,9 @@ def _mann(range_rsun: FloatArray) -> FloatArray:
 
 
 def _newkirk_and_wind(range_rsun: FloatArray) -> FloatArray:
-    return np.asarray(4.2e4 * (10.0 ** (4.32 / range_rsun) - 1.0) * range_rsun**-1.5 + 6.0 * (AU_RSUN / range_rsun) ** 2)
+    return np.asarray(
+        4.2e4 * (10.0 ** (4.32 / range_rsun) - 1.0) * range_rsun**-1.5 + 6.0 * (AU_RSUN / range_rsun) ** 2
+    )
 
 
 def _wavy(range_rsun: FloatArray) -> FloatArray:
@@ -74,12 +76,14 @@ DENSITIES: dict[str, DensityModel] = {
     "mann_wind": DensityModel("mann_wind", "Mann et al. 1999, A&A 348, 614: Parker's isothermal wind at 1 MK", _mann),
     "newkirk_wind": DensityModel(
         "newkirk_wind",
-        "the corona of Newkirk 1961, ApJ 133, 983, without its constant, in a wind of 6 cm^-3 at 1 au",
+        "the corona of Newkirk 1961, ApJ 133, 983, let fall by r^-1.5 more, in a wind of 6 cm^-3 at 1 au",
         _newkirk_and_wind,
     ),
     "wavy": DensityModel("wavy", "Saito's model with a wave of 22 % in ln r, as streams leave it; no power law", _wavy),
 }
 """Density models that bursts are drawn from, by name."""
+
+USUAL_PULSE = PulseLaw()
 
 SpeedLaw = Callable[[FloatArray, float], FloatArray]
 
@@ -130,17 +134,23 @@ class Companion:
 
 @dataclass(frozen=True)
 class Aspect:
-    """How a burst looks to one spacecraft, beyond what geometry makes of it; factors to what it would be otherwise.
+    """How a burst looks to one spacecraft, beyond what geometry makes of it.
 
     Attributes
     ----------
     height, companion_height, rise, decay : float
+        Factors.
+    lag, lag_phase : float
+        The burst is late by lag times the half width of the rise times sin(2 ln f + phase): an error of the times that
+        is smooth along frequency, as real bursts show it after every correction.
     """
 
     height: float = 1.0
     companion_height: float = 1.0
     rise: float = 1.0
     decay: float = 1.0
+    lag: float = 0.0
+    lag_phase: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -193,6 +203,8 @@ class SimulatedBurst:
         When a second pulse follows, s, and its height over the first; 0 for none.
     aspects : mapping of str to Aspect
         By observatory.
+    stratum : str
+        Which it was drawn from, for what is counted by strata.
     """
 
     release_utc: np.datetime64
@@ -210,7 +222,7 @@ class SimulatedBurst:
     f_high_mhz: float = 14.0
     contrast: float = 30.0
     rotation_period_d: float = SIDEREAL_ROTATION_D
-    pulse: PulseLaw = PulseLaw()
+    pulse: PulseLaw = USUAL_PULSE
     width_factor: float = 1.0
     taper: float = 0.0
     directivity: float = np.inf
@@ -219,6 +231,7 @@ class SimulatedBurst:
     second_s: float = 0.0
     second_height: float = 0.0
     aspects: Mapping[str, Aspect] = field(default_factory=dict)
+    stratum: str = ""
 
     def __post_init__(self) -> None:
         for name, known in (("density", DENSITIES), ("speed_law", SPEED_LAWS)):
@@ -276,13 +289,13 @@ def source_range_rsun(burst: SimulatedBurst, frequency_mhz: FloatArray, harmonic
             f"the density model {burst.density!r} has no {np.asarray(frequency_mhz)[outside].flat[0]:g} MHz between "
             f"{RANGES_RSUN[0]:g} and {RANGES_RSUN[1]:g} solar radii; leave that frequency out"
         )
-    return np.exp(np.interp(at_factor_one, log_mhz, log_range))
+    return np.asarray(np.exp(np.interp(at_factor_one, log_mhz, log_range)))
 
 
 @lru_cache(maxsize=16)
 def _plasma_levels(density: str) -> tuple[FloatArray, FloatArray]:
-    """ln of distances from far to near and of the plasma frequencies there, ascending."""
-    log_range = np.linspace(*np.log(RANGES_RSUN[::-1]), RANGE_NODES)
+    """Logarithms of distances from far to near and of the plasma frequencies there, ascending."""
+    log_range = np.linspace(math.log(RANGES_RSUN[1]), math.log(RANGES_RSUN[0]), RANGE_NODES)
     return log_range, np.log(emission_frequency_mhz(np.exp(log_range), DENSITIES[density]))
 
 
@@ -333,7 +346,7 @@ def travel_s(burst: SimulatedBurst, range_rsun: FloatArray) -> FloatArray:
     speed_c = burst.beam_speed_c * SPEED_LAWS[burst.speed_law](middle, burst.slowing)
     taken = np.concatenate([[0.0], np.cumsum(np.diff(path) / (speed_c * C_RSUN_S))])
     # between nodes the time is linear in the path, as the speed is constant there
-    return np.interp(spiral_path_rsun(range_rsun, burst.v_sw_km_s, burst.rotation_period_d), path, taken)
+    return np.asarray(np.interp(spiral_path_rsun(range_rsun, burst.v_sw_km_s, burst.rotation_period_d), path, taken))
 
 
 def mean_beam_speed_c(burst: SimulatedBurst, frequency_mhz: FloatArray) -> float:
@@ -437,12 +450,13 @@ def heard(burst: SimulatedBurst, frequency_mhz: FloatArray, observatory: str) ->
     followed = [(0.0, 1.0), (burst.second_s, burst.second_height)] if burst.second_height > 0 else [(0.0, 1.0)]
     rise_s = burst.width_factor * burst.pulse.rises_s(frequency)
     decay_s = burst.width_factor * burst.pulse.decays_s(frequency)
+    lag = aspect.lag * np.sin(2.0 * np.log(frequency) + aspect.lag_phase)
     columns = []
     for harmonic, height, slower, directivity in parts:
         seen = _geometry(burst, frequency, observatory, harmonic)
         wider = slower * (1.0 + 0.5 * burst.widening * seen.turned)
         peak = height * burst.contrast * _in_band(burst, frequency) * np.exp((seen.cosine - 1.0) / directivity)
-        arrived = seen.arrival_s + burst.kappa * slower * rise_s * seen.turned
+        arrived = seen.arrival_s + slower * rise_s * (burst.kappa * seen.turned + lag)
         columns += [
             (arrived + later_s, share * peak, aspect.rise * wider * rise_s, aspect.decay * wider * decay_s)
             for later_s, share in followed
@@ -556,6 +570,7 @@ def true_arrivals(
                 "arrival_utc": _at(burst, arrival_s(burst, frequency_mhz, name)),
                 "sigma_s": sigma_s,
                 "edge": TRUE_EDGE,
+                "rise_s": burst.width_factor * burst.pulse.rises_s(frequency_mhz),
             }
         )
         for name in observatories

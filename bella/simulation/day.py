@@ -150,7 +150,7 @@ def _averaged(
     phase_s = float(rng.uniform(0.0, max(one.cadence_s for one in instrument.averaged)))
     ends = (int(between_s[0] // MINUTE_S), int(between_s[1] // MINUTE_S))
     means = minute_means(instrument.receiver.frequency_mhz, instrument.averaged, take, phase_s, ends)
-    stamp_s = np.arange(*ends) * MINUTE_S + 0.5 * MINUTE_S
+    stamp_s = np.arange(*ends, dtype=np.float64) * MINUTE_S + 0.5 * MINUTE_S
     power = np.where(means.length_s >= instrument.shortest_s, means.power, np.nan)
     recorded = np.isfinite(power).any(axis=1)
     when_s = np.where(np.isfinite(means.time_s), means.time_s, stamp_s[:, None])

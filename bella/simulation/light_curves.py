@@ -116,8 +116,7 @@ FAMILIES = {
         lambda q: (np.full(q.shape, -6.0), 8.0 + 6.0 * q),
     ),
     "gamma": Family(
-        "t^q exp(-t): scattered waves that have to diffuse; Williamson 1972, MNRAS 157, 55, "
-        "doi:10.1093/mnras/157.1.55",
+        "t^q exp(-t): scattered waves that have to diffuse; Williamson 1972, MNRAS 157, 55, doi:10.1093/mnras/157.1.55",
         _gamma,
         (0.7, 30.0),
         lambda q: (np.full(q.shape, 1e-6), 3.0 * q + 6.0 * np.sqrt(q)),
@@ -191,13 +190,13 @@ RISE_S, RISE_SLOPE, RISE_BEND_SD = (30.0, 115.0), (-1.25, -0.75), 0.04
 The bursts of 2012-06-07 and 2020-07-21 rise in 186, 90, 37, 11 s and 170, 71, 30, 11 s at 0.2, 0.5, 1 and 2 MHz. The
 laws extrapolated from higher frequencies are 2.4 to 2.6 times faster at 0.2 MHz: the range holds both.
 """
-DECAY_LAWS = (
-    (193.0, -0.95),  # 10^7.7 f^-0.95, f in Hz: Alvarez & Haddock 1973, Sol. Phys. 30, 175, doi:10.1007/BF00156186
-    (122.0, -1.09),  # 2.0e8 f^-1.09, f in Hz: Barrow & Achong 1975, Sol. Phys. 45, 459, doi:10.1007/BF00158462
-)
-"""Decay time at 0.5 MHz, s, and its slope, of the published laws between which bursts are drawn."""
-DECAY_SCATTER = 0.25
-"""Scatter of ln of the decay time about those laws."""
+DECAY_S, DECAY_SLOPE = (105.0, 225.0), (-1.08, -0.92)
+"""Range of the decay time at 0.5 MHz and of its slope.
+
+193 s and -0.95 as of Alvarez & Haddock 1973, Sol. Phys. 30, 175, doi:10.1007/BF00156186; shorter times and slopes of
+-0.97 and -1.00 +- 0.01 were measured since (Kontar et al. 2019, ApJ 884, 122, doi:10.3847/1538-4357/ab40bb; Vecchio et
+al. 2024, ApJL 974, L18). Bursts scatter about the laws.
+"""
 
 
 def draw_pulse_law(rng: np.random.Generator, family: str | None = None) -> PulseLaw:
@@ -213,16 +212,13 @@ def draw_pulse_law(rng: np.random.Generator, family: str | None = None) -> Pulse
     -------
     PulseLaw
     """
-    share = rng.uniform()
-    (slow_s, slow_slope), (fast_s, fast_slope) = DECAY_LAWS
-    decay_s = math.exp(share * math.log(slow_s) + (1 - share) * math.log(fast_s) + DECAY_SCATTER * rng.standard_normal())
     return PulseLaw(
         family=family or str(rng.choice(list(FAMILIES))),
         rise_s=float(np.exp(rng.uniform(*np.log(RISE_S)))),
         rise_slope=float(rng.uniform(*RISE_SLOPE)),
         rise_bend=float(RISE_BEND_SD * rng.standard_normal()),
-        decay_s=decay_s,
-        decay_slope=float(share * slow_slope + (1 - share) * fast_slope),
+        decay_s=float(np.exp(rng.uniform(*np.log(DECAY_S)))),
+        decay_slope=float(rng.uniform(*DECAY_SLOPE)),
     )
 
 

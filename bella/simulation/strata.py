@@ -17,22 +17,17 @@ import xarray as xr
 
 from bella.exceptions import InputError
 from bella.simulation.burst import (
-    DENSITIES,
-    SPEED_LAWS,
-    Aspect,
-    Companion,
     SimulatedBurst,
     arrival_s,
     contrast_at,
     light_arrival_s,
     mean_beam_speed_c,
     source_position_rsun,
-    source_range_rsun,
 )
 from bella.simulation.day import Scene, observe_scene
 from bella.simulation.instruments import Instrument, instruments
 from bella.simulation.light_curves import draw_pulse_law
-from bella.simulation.sky import Conditions, Gain
+from bella.simulation.sky import DEPARTURES, Conditions, Departure, Gain, draw_burst
 from bella.spacecraft import fleet as spacecraft_of
 from bella.spectra.combination import combine_receivers
 from bella.spectra.list_mode import DWELL_S
@@ -90,11 +85,12 @@ class Fleet:
     days: tuple[tuple[date, date], ...]
 
 
-WIND = {"WIND": ("WI_H1_WAV",)}
-STEREO_A = {"STEREO-A": ("STA_L3_WAV_LFR", "STA_L3_WAV_HFR")}
-STEREO_B = {"STEREO-B": ("STB_L3_WAV_LFR", "STB_L3_WAV_HFR")}
-PSP = {"PSP": ("PSP_FLD_L2_RFS_LFR", "PSP_FLD_L2_RFS_HFR")}
-SOLO = {"SOLO": ("SOLO_L3_RPW-TNR-SURV-FLUX", "SOLO_L3_RPW-HFR-SURV-FLUX")}
+Datasets = dict[str, tuple[str, ...]]
+WIND: Datasets = {"WIND": ("WI_H1_WAV",)}
+STEREO_A: Datasets = {"STEREO-A": ("STA_L3_WAV_LFR", "STA_L3_WAV_HFR")}
+STEREO_B: Datasets = {"STEREO-B": ("STB_L3_WAV_LFR", "STB_L3_WAV_HFR")}
+PSP: Datasets = {"PSP": ("PSP_FLD_L2_RFS_LFR", "PSP_FLD_L2_RFS_HFR")}
+SOLO: Datasets = {"SOLO": ("SOLO_L3_RPW-TNR-SURV-FLUX", "SOLO_L3_RPW-HFR-SURV-FLUX")}
 ENCOUNTERS = tuple(
     (day - 4 * DAY, day + 4 * DAY)
     for day in (
@@ -116,9 +112,7 @@ FLEETS = {
     "2021": Fleet(WIND | STEREO_A | PSP | SOLO, ((date(2021, 1, 2), date(2021, 12, 30)),)),
     "2022": Fleet(WIND | STEREO_A | PSP | SOLO, ((date(2022, 1, 2), date(2022, 12, 30)),)),
     "encounter": Fleet(WIND | STEREO_A | PSP | SOLO, ENCOUNTERS),
-    "pair": Fleet(
-        WIND | STEREO_A, ((date(2008, 6, 15), date(2012, 7, 5)), (date(2025, 2, 14), date(2026, 7, 30)))
-    ),
+    "pair": Fleet(WIND | STEREO_A, ((date(2008, 6, 15), date(2012, 7, 5)), (date(2025, 2, 14), date(2026, 7, 30)))),
 }
 """Fleets by name. The two spacecraft of "pair" are 30 to 120 deg apart."""
 
@@ -239,10 +233,11 @@ def isolated_burst(stratum: str, fleet: str | date, seed: int | JudgingSeed) -> 
     if stratum not in STRATA:
         raise InputError(f"stratum {stratum!r} is not known; choose one of {', '.join(STRATA)}")
     number = _number(seed)
-    rng = np.random.default_rng([number, list(STRATA).index(stratum), *map(ord, str(fleet))])
+    rng = np.random.default_rng([number, *stratum.encode(), *str(fleet).encode()])
     datasets, day = _fleet_on_a_day(fleet, rng)
     names = tuple(datasets)
     drawn = STRATA[stratum](_clean(day, rng), names, rng)
+    drawn = replace(drawn, burst=replace(drawn.burst, stratum=stratum))
     known = {name: [one for key in datasets[name] for one in instruments(key, day)] for name in names}
     spectra = {}
     for name, receivers in known.items():
@@ -257,7 +252,9 @@ def _number(seed: int | JudgingSeed) -> int:
     if isinstance(seed, JudgingSeed):
         return seed.number
     if not 0 <= seed < CHOOSING_SEEDS:
-        raise InputError(f"seed {seed} is not between 0 and {CHOOSING_SEEDS - 1}; for judging, use judging_seed(number)")
+        raise InputError(
+            f"seed {seed} is not between 0 and {CHOOSING_SEEDS - 1}; for judging, use judging_seed(number)"
+        )
     return seed
 
 
@@ -284,72 +281,27 @@ def _as_read(instrument: Instrument, drawn: Drawn, rng: np.random.Generator) -> 
 
 
 def _clean(day: date, rng: np.random.Generator) -> Drawn:
-    """A single pulse of a beam of constant speed, from any side of the Sun, that points to where it goes."""
-    midnight = np.datetime64(day, "ns")
+    """A burst that most of a fleet sees well, at a time that leaves the spectra within the day."""
     release_s = float(rng.uniform(2.5, 20.0) * 3600.0)
-    density, harmonic = str(rng.choice(list(DENSITIES))), int(rng.choice([1, 2]))
-    burst = SimulatedBurst(
-        release_utc=midnight + np.timedelta64(int(release_s * 1e9), "ns"),
-        phi0_deg=float(rng.uniform(-180.0, 180.0)),
-        v_sw_km_s=float(rng.choice([rng.normal(350.0, 40.0), rng.normal(520.0, 70.0)], p=[0.65, 0.35]).clip(260.0, 750.0)),
-        beam_speed_c=float(rng.triangular(0.06, 0.14, 0.36)),
-        density=density,
-        density_factor=float(np.exp(rng.uniform(np.log(0.7), np.log(3.5)))),
-        harmonic=harmonic,
-        latitude_deg=0.0,
+    burst = replace(
+        draw_burst(day, rng),
+        release_utc=np.datetime64(day, "ns") + np.timedelta64(int(release_s * 1e9), "ns"),
         f_low_mhz=float(np.exp(rng.uniform(np.log(0.10), np.log(0.25)))),
         f_high_mhz=float(rng.uniform(7.0, 14.0)),
         contrast=float(10.0 ** rng.uniform(1.5, 3.0)),
-        pulse=draw_pulse_law(rng),
-        taper=0.3,
-        directivity=float(rng.uniform(0.7, 2.5)),
     )
     return Drawn(burst, between_s=(release_s - BEFORE_S, release_s + AFTER_S))
-
-
-def _changed(drawn: Drawn, **changes: object) -> Drawn:
-    return replace(drawn, burst=replace(drawn.burst, **changes))  # type: ignore[arg-type]
 
 
 def _as_it_is(drawn: Drawn, names: tuple[str, ...], rng: np.random.Generator) -> Drawn:  # noqa: ARG001
     return drawn
 
 
-def _slowing(drawn: Drawn, names: tuple[str, ...], rng: np.random.Generator) -> Drawn:  # noqa: ARG001
-    law = str(rng.choice([name for name in SPEED_LAWS if name != "constant"]))
-    slowing = float(rng.uniform(0.1, 0.45) if law == "power" else rng.uniform(0.5, 2.5))
-    at_30_rsun = float(SPEED_LAWS[law](np.array([30.0]), slowing)[0])
-    speed_c = min(drawn.burst.beam_speed_c / at_30_rsun, 0.8)
-    return _changed(drawn, speed_law=law, slowing=slowing, beam_speed_c=speed_c)
+def _departing(depart: Departure) -> Stratum:
+    def stratum(drawn: Drawn, names: tuple[str, ...], rng: np.random.Generator) -> Drawn:
+        return replace(drawn, burst=depart(drawn.burst, names, rng))
 
-
-def _directional(drawn: Drawn, names: tuple[str, ...], rng: np.random.Generator) -> Drawn:  # noqa: ARG001
-    return _changed(drawn, kappa=float(rng.uniform(0.1, 0.3)))
-
-
-def _pairs(drawn: Drawn, names: tuple[str, ...], rng: np.random.Generator) -> Drawn:
-    """Fundamental and harmonic together; how bright each is differs between spacecraft."""
-    fundamental = Companion(
-        harmonic=1,
-        height=float(np.exp(rng.uniform(np.log(0.3), np.log(3.0)))),
-        rise_factor=float(rng.uniform(0.6, 1.0)),
-        directivity=float(rng.uniform(0.2, 0.6)),
-    )
-    aspects = {name: Aspect(companion_height=float(rng.lognormal(0.0, 0.5))) for name in names}
-    return _changed(drawn, harmonic=2, companion=fundamental, aspects=aspects)
-
-
-def _widths(drawn: Drawn, names: tuple[str, ...], rng: np.random.Generator) -> Drawn:
-    """Light curves that are wider from the side, and whose rise and decay differ between spacecraft."""
-    aspects = {
-        name: Aspect(rise=float(rng.lognormal(0.0, 0.1)), decay=float(rng.lognormal(0.0, 0.25))) for name in names
-    }
-    return _changed(drawn, widening=float(rng.uniform(0.2, 0.8)), aspects=aspects)
-
-
-def _double(drawn: Drawn, names: tuple[str, ...], rng: np.random.Generator) -> Drawn:  # noqa: ARG001
-    """Two injections, that is two beams along one field line."""
-    return _changed(drawn, second_s=float(rng.uniform(15.0, 180.0)), second_height=float(rng.uniform(0.25, 0.8)))
+    return stratum
 
 
 def _followed(drawn: Drawn, names: tuple[str, ...], rng: np.random.Generator) -> Drawn:  # noqa: ARG001
@@ -387,12 +339,8 @@ def _storm(drawn: Drawn, names: tuple[str, ...], rng: np.random.Generator) -> Dr
     return replace(drawn, others=tuple(weak))
 
 
-def _latitude(drawn: Drawn, names: tuple[str, ...], rng: np.random.Generator) -> Drawn:  # noqa: ARG001
-    return _changed(drawn, latitude_deg=float(rng.uniform(-20.0, 20.0)))
-
-
 def _far_side(drawn: Drawn, names: tuple[str, ...], rng: np.random.Generator) -> Drawn:  # noqa: ARG001
-    return _changed(drawn, phi0_deg=float(rng.uniform(110.0, 250.0)))
+    return replace(drawn, burst=replace(drawn.burst, phi0_deg=float(rng.uniform(110.0, 250.0))))
 
 
 def _gaps(drawn: Drawn, names: tuple[str, ...], rng: np.random.Generator) -> Drawn:
@@ -440,8 +388,8 @@ def _midnight(drawn: Drawn, names: tuple[str, ...], rng: np.random.Generator) ->
     before_s = float(rng.uniform(600.0, 2400.0))
     midnight = drawn.burst.release_utc.astype("datetime64[D]").astype("datetime64[ns]")
     release_s = DAY_S - before_s
-    moved = _changed(drawn, release_utc=midnight + np.timedelta64(int(release_s * 1e9), "ns"))
-    return replace(moved, between_s=(release_s - BEFORE_S, DAY_S))
+    moved = replace(drawn.burst, release_utc=midnight + np.timedelta64(int(release_s * 1e9), "ns"))
+    return replace(drawn, burst=moved, between_s=(release_s - BEFORE_S, DAY_S))
 
 
 def _low_missing(drawn: Drawn, names: tuple[str, ...], rng: np.random.Generator) -> Drawn:
@@ -449,24 +397,11 @@ def _low_missing(drawn: Drawn, names: tuple[str, ...], rng: np.random.Generator)
     return replace(drawn, conditions={names[int(rng.integers(len(names)))]: Conditions(lowest_mhz=1.0)})
 
 
-def _mixed(drawn: Drawn, names: tuple[str, ...], rng: np.random.Generator) -> Drawn:
-    """Several departures at once, each with its own probability, as real bursts have them."""
-    for probability, stratum in ((0.6, _slowing), (0.6, _directional), (0.5, _widths), (0.25, _double), (0.4, _latitude)):
-        if rng.random() < probability:
-            drawn = stratum(drawn, names, rng)
-    return drawn
-
-
 STRATA: dict[str, Stratum] = {
     "clean": _as_it_is,
-    "slowing": _slowing,
-    "directional": _directional,
-    "pairs": _pairs,
-    "widths": _widths,
-    "double": _double,
+    **{name: _departing(depart) for name, (_, depart) in DEPARTURES.items()},
     "followed": _followed,
     "storm": _storm,
-    "latitude": _latitude,
     "far side": _far_side,
     "gaps": _gaps,
     "gain step": _gain_step,
@@ -474,6 +409,5 @@ STRATA: dict[str, Stratum] = {
     "clipped": _clipped,
     "midnight": _midnight,
     "low missing": _low_missing,
-    "mixed": _mixed,
 }
-"""Strata by name. A stratum keeps its place: the seeds of a case depend on it, so new ones go to the end."""
+"""Strata by name."""
