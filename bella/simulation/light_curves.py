@@ -182,6 +182,10 @@ class PulseLaw:
         rise = self.rises_s(frequency_mhz)
         return np.asarray(rise * np.clip(wanted / rise, *decay_over_rise(self.family)))
 
+    def curves(self, frequency_mhz: FloatArray) -> "Pulses":
+        """Light curves at N frequencies."""
+        return pulses(self.family, self.rises_s(frequency_mhz), self.decays_s(frequency_mhz))
+
 
 REFERENCE_MHZ = 0.5
 RISE_S, RISE_SLOPE, RISE_BEND_SD = (30.0, 115.0), (-1.25, -0.75), 0.04
@@ -247,12 +251,12 @@ class Pulses:
         last = np.minimum(GRID.size - seen[:, ::-1].argmax(axis=1), GRID.size - 1)
         return GRID[first] * self.rise_s, GRID[last] * self.rise_s
 
-    def at(self, pulse: IntArray, time_s: FloatArray) -> FloatArray:
+    def at(self, pulse: IntArray | int, time_s: FloatArray) -> FloatArray:
         """Height of pulses at times after their half-rise.
 
         Parameters
         ----------
-        pulse : ndarray of int
+        pulse : ndarray of int, or int
             Which pulse; any shape.
         time_s : ndarray
             s, the same shape.
@@ -266,12 +270,12 @@ class Pulses:
         low, high = self.height[pulse, cell], self.height[pulse, cell + 1]
         return np.asarray(low + share * (high - low))
 
-    def mean(self, pulse: IntArray, start_s: FloatArray, stop_s: FloatArray) -> FloatArray:
+    def mean(self, pulse: IntArray | int, start_s: FloatArray, stop_s: FloatArray) -> FloatArray:
         """Mean of pulses over intervals, as a receiver that integrates measures it.
 
         Parameters
         ----------
-        pulse : ndarray of int
+        pulse : ndarray of int, or int
             Which pulse; any shape.
         start_s, stop_s : ndarray
             Ends of the intervals after the half-rise, s; the same shape, stop after start.
@@ -286,7 +290,7 @@ class Pulses:
             (self._upto(pulse, stop_s / rise) - self._upto(pulse, start_s / rise)) * rise / (stop_s - start_s)
         )
 
-    def _upto(self, pulse: IntArray, u: FloatArray) -> FloatArray:
+    def _upto(self, pulse: IntArray | int, u: FloatArray) -> FloatArray:
         """Integral up to a time by cubic Hermite interpolation: its derivative, the height, is tabulated too."""
         cell, s, width = _cells(u)
         low, high = self.integral[pulse, cell], self.integral[pulse, cell + 1]
