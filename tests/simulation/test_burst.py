@@ -4,13 +4,13 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from bella.simulation.light_curve import light_curve
 
 from bella.bursts.widths import decay_s, rise_half_width_s
 from bella.exceptions import InputError, NoDataError
 from bella.multilateration import localise
 from bella.simulation import Receiver, SimulatedBurst, observe, true_arrivals
 from bella.simulation.burst import arrival_s, source_position_rsun, source_range_rsun
-from bella.simulation.light_curve import light_curve
 from bella.spacecraft import position_hee
 from bella.tracks import track_fit
 from bella.units import C_RSUN_S

@@ -9,11 +9,11 @@ import xarray as xr
 from bella.bursts.detection import search
 from bella.bursts.timing import burst_edges, candidate_near
 from bella.simulation import SimulatedBurst
-from bella.simulation.archive_tree import write_spectra
+from bella.simulation.archive_days import write_spectra
 from bella.simulation.burst import arrival_s
 from bella.simulation.day import observe_day
 from bella.simulation.instruments import instruments
-from bella.simulation.minutes import filled_in_frequency
+from bella.simulation.receiver import filled_in_frequency
 from bella.simulation.sky import Conditions, Sky
 from bella.spectra import open_spectra, sample_times
 from bella.spectra.list_mode import LIST_KHZ, LIST_S

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 import xarray as xr
 
-from bella.simulation.archive_tree import write_spectra
+from bella.simulation.archive_days import write_spectra
 from bella.simulation.burst import SimulatedBurst, source_position_rsun
 from bella.simulation.day import observe_day
 from bella.simulation.instruments import instruments
