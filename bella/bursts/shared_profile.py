@@ -18,21 +18,22 @@ from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
+import pandas as pd
 
-from bella.bursts.edge import GAP, NO_FLANK, NO_SAMPLES, NO_SIGNAL, SATURATED
-from bella.bursts.first_maximum import first_maximum
-from bella.bursts.half_maximum import GAP_CADENCES, half_maximum_edge, quiet_noise, spacing_s
+from bella.bursts.light_curves import (
+    FEWEST_SPACECRAFT,
+    Craft,
+    LightCurves,
+    Start,
+    first_guess,
+    fitted_samples,
+    own_rise,
+)
 from bella.exceptions import NoDataError
-from bella.heliosphere.scattering import rise_s
 from bella.units import FloatArray
-
-BoolArray = npt.NDArray[np.bool_]
 
 LEVEL = 0.5
 """Of the maximum of the profile at which a burst arrives."""
-
-FEWEST_SPACECRAFT, FEWEST_CHANNELS = 3, 4
-"""Of a burst, and of each spacecraft, for a profile: two spacecraft leave width and time of each too free."""
 
 KNOTS = np.array([-5, -3.2, -2.2, -1.5, -0.9, -0.4, 0.1, 0.6, 1.1, 1.7, 2.5, 3.6, 5.2, 7.5, 11.0])
 """Where the curvature of the log profile is free, in widths after its half-rise."""
@@ -58,23 +59,6 @@ WIDTH_SD = np.array([0.5, 0.3, 0.1])
 CRAFT_SD, CRAFT_TILT_SD = 0.15, 0.09
 """Of ln width of a spacecraft and its change with ln f: light curves of 2012-06-07 differ by 28 and 23 %."""
 
-START_RISES, START_CADENCES = 2.0, 0.7
-"""Standard deviation of the arrival time about the half-maximum, in rise times and in cadences."""
-
-BEFORE_RISES, AFTER_RISES, BEFORE_CADENCES, AFTER_CADENCES = 6.0, 6.0, 2.5, 2.0
-"""Samples that are fitted: so many rise times and records before and after the first guess at most."""
-
-FALLEN = 0.8
-"""A light curve is fitted up to the sample in which it has fallen to this share of its maximum."""
-
-FINEST_RISES = 0.2
-"""Samples that are closer than this share of the rise are averaged."""
-
-SIGNAL_SIGMAS = 7.0
-"""Least maximum over the noise before the burst."""
-
-FEWEST_SAMPLES = 5
-
 SHAPE_ERROR, LARGEST_SHAPE_ERROR = 0.004, 0.12
 """Share of the maximum by which light curves depart from the profile; raised to what a spacecraft's residuals show."""
 
@@ -95,52 +79,11 @@ JITTER_RISES = 0.02
 OUTLIER_SD = 4.0
 """Residuals beyond so many standard deviations count linearly (Huber)."""
 
-FLUX_SCATTER, LARGEST_SCATTER = 0.02, 0.15
-"""Scatter of a sample of a receiver as a share of its power, at least and at most."""
-
-FLAT_SAMPLES, FLAT_RISES = 3, 0.5
-"""A light curve that stays at its highest value for so many samples and rise times has been cut off."""
-
-FLANK_RISES = 1.0
-"""No sample may be missing so many rise times about the arrival."""
-
 ROUNDS, STEPS, LAST_STEPS = 9, 5, 16
 """Weights of the samples are renewed before each round; so many steps in each, and in the last."""
 
 CONVERGED = 0.3
 """The fit has converged when a step of the last round lowers chi2 by less."""
-
-
-@dataclass(frozen=True)
-class LightCurves:
-    """Light curves of a burst at one spacecraft.
-
-    Attributes
-    ----------
-    observatory : str
-    frequency_mhz : ndarray, shape (C,)
-        Ascending.
-    time_s : ndarray, shape (N, C)
-        Middles of the samples, ascending, s after a time that all spacecraft share.
-    power : ndarray, shape (N, C)
-        Power above background; NaN where there is none or it belongs to something else.
-    background : float
-        Power of the background in the same unit: 1, or 0 where it is not known.
-    cadence_s : float
-    integration_s : ndarray, shape (C,)
-        Time that one visit averages over.
-    apart_s : ndarray, shape (N, C)
-        Time between the two visits that a sample is the mean of; 0 where there was one.
-    """
-
-    observatory: str
-    frequency_mhz: FloatArray
-    time_s: FloatArray
-    power: FloatArray
-    background: float
-    cadence_s: float
-    integration_s: FloatArray
-    apart_s: FloatArray
 
 
 @dataclass(frozen=True)
@@ -194,6 +137,26 @@ class Collapsed:
     fitted: FloatArray
 
 
+def collapsed_samples(collapsed: Sequence[Collapsed]) -> pd.DataFrame:
+    """Samples of collapsed light curves as a table, as :func:`bella.plotting.write_collapsed_png` takes it.
+
+    Parameters
+    ----------
+    collapsed : sequence of Collapsed
+
+    Returns
+    -------
+    pandas.DataFrame
+        Columns observatory, frequency_mhz, widths, height, fitted.
+    """
+    parts = []
+    for one in collapsed:
+        row, column = np.nonzero(np.isfinite(one.widths))
+        columns = {name: getattr(one, name)[row, column] for name in ("widths", "height", "fitted")}
+        parts.append(pd.DataFrame({"observatory": one.observatory, "frequency_mhz": one.frequency_mhz[row], **columns}))
+    return pd.concat(parts, ignore_index=True)
+
+
 def _hats() -> FloatArray:
     """Twice integrated hat functions of the knots on the grid, zero with zero slope at the half-rise, shape (U, K)."""
     fine = np.arange(GRID[0], GRID[-1] + 1e-9, 0.01)
@@ -208,46 +171,6 @@ def _hats() -> FloatArray:
 
 HATS = _hats()
 STEP = float(GRID[1] - GRID[0])
-
-
-@dataclass
-class _Craft:
-    """Samples of one spacecraft, padded to the same number in each channel."""
-
-    index: int
-    light: LightCurves
-    frequency_mhz: FloatArray
-    time_s: FloatArray
-    power: FloatArray
-    integration_s: FloatArray
-    apart_s: FloatArray
-    known: BoolArray
-    noise: FloatArray
-    scatter: FloatArray
-    background: FloatArray
-    start_s: FloatArray
-    start_sd_s: FloatArray
-    log_width: FloatArray
-    rows: npt.NDArray[np.intp]
-    arrival_s: FloatArray
-    height: FloatArray
-    base: FloatArray
-    weight: FloatArray
-    spacing_s: FloatArray
-    shape_error: float = SHAPE_ERROR
-    decay_error: float = DECAY_ERROR
-    excess: float = 1.0
-
-
-@dataclass
-class _Start:
-    """First guesses of one spacecraft."""
-
-    half_s: FloatArray
-    peak: npt.NDArray[np.intp]
-    flag: npt.NDArray[np.object_]
-    rise_s: FloatArray
-    curve_s: FloatArray
 
 
 def fit_profile(lights: Sequence[LightCurves]) -> ProfileEdges:
@@ -269,252 +192,15 @@ def fit_profile(lights: Sequence[LightCurves]) -> ProfileEdges:
         If there are fewer than three spacecraft with four channels, or the fit does not converge.
     """
     rises = own_rise(lights)
-    starts = [_start(light, rises) for light in lights]
+    starts = [first_guess(light, rises) for light in lights]
     craft = []
     for light, start in zip(lights, starts, strict=True):
-        one = _samples(light, start, rises, len(craft))
+        one = fitted_samples(light, start, len(craft))
         if one is not None:
             craft.append(one)
     if len(craft) < FEWEST_SPACECRAFT or len(craft) < len(lights):
         raise NoDataError("no shared profile: it needs three spacecraft with four good channels each")
-    return _Fit(craft, rises).solve(lights, starts)
-
-
-@dataclass(frozen=True)
-class RiseOfBurst:
-    """Half width of the rise of one burst: that of a typical burst, with the level and slope of its own light curves."""
-
-    level: float = 0.0
-    slope: float = 0.0
-
-    def rise_s(self, frequency_mhz: FloatArray) -> FloatArray:
-        """Half width of the rise at frequencies, s."""
-        return np.asarray(rise_s(frequency_mhz) * np.exp(self.level + self.slope * np.log(frequency_mhz)))
-
-
-QUARTERS_TO_RISE = 0.77
-"""Time from a quarter to three quarters of the maximum over the half width, of a Gaussian."""
-
-LEVEL_SD, TILT_SD, RISE_SCATTER = 0.6, 0.25, 0.25
-"""Of ln rise of a burst about that of a typical one, its slope, and single channels about both."""
-
-
-def own_rise(lights: Sequence[LightCurves]) -> RiseOfBurst:
-    """Half width of the rise of a burst, by the time from a quarter to three quarters of the maximum.
-
-    Parameters
-    ----------
-    lights : sequence of LightCurves
-
-    Returns
-    -------
-    RiseOfBurst
-        From the channels that resolve their rise; that of a typical burst where none does.
-    """
-    log_f, ratio = [], []
-    for light in lights:
-        for j, frequency in enumerate(light.frequency_mhz):
-            known = np.isfinite(light.power[:, j])
-            time, power = light.time_s[known, j], light.power[known, j]
-            if time.size < FEWEST_SAMPLES:
-                continue
-            spacing = spacing_s(time, light.cadence_s)
-            top = first_maximum(power, float(rise_s(frequency)) / spacing)
-            if not power[top] > SIGNAL_SIGMAS * quiet_noise(power, float(power[top])) or top in {0, power.size - 1}:
-                continue
-            quarter, three = (_crossing_s(time[: top + 1], power[: top + 1], share) for share in (0.25, 0.75))
-            width = (three - quarter) / QUARTERS_TO_RISE
-            smear = max(float(light.integration_s[j]), spacing)
-            if width > 1.5 * smear:
-                log_f.append(np.log(frequency))
-                ratio.append(0.5 * np.log(width**2 - 0.4 * smear**2) - np.log(float(rise_s(frequency))))
-    if not log_f:
-        return RiseOfBurst()
-    terms = np.stack([np.ones(len(log_f)), np.array(log_f)], axis=-1)
-    value, weight = np.array(ratio), np.ones(len(log_f))
-    prior = np.diag([LEVEL_SD**-2, TILT_SD**-2])
-    coefficients = np.array([np.median(value), 0.0])
-    for _ in range(20):
-        weight = 1.0 / (1.0 + ((value - terms @ coefficients) / RISE_SCATTER) ** 2)
-        normal = terms.T * weight / RISE_SCATTER**2
-        coefficients = np.linalg.solve(normal @ terms + prior, normal @ value)
-    return RiseOfBurst(float(coefficients[0]), float(coefficients[1]))
-
-
-def _crossing_s(time_s: FloatArray, power: FloatArray, share: float) -> float:
-    """Last time before the end at which a light curve crosses a share of its last sample."""
-    level = share * power[-1]
-    below = np.flatnonzero(power[:-1] < level)
-    if below.size == 0:
-        return float("nan")
-    i = int(below[-1])
-    return float(time_s[i] + (level - power[i]) / (power[i + 1] - power[i]) * (time_s[i + 1] - time_s[i]))
-
-
-def _start(light: LightCurves, rises: RiseOfBurst) -> _Start:
-    """Half-maximum of each channel, and a robust curve through them from which all channels start."""
-    number = light.frequency_mhz.size
-    rise = rises.rise_s(light.frequency_mhz)
-    half, flag, peaks = np.full(number, np.nan), np.full(number, "", dtype=object), np.zeros(number, dtype=np.intp)
-    for j in range(number):
-        known = np.flatnonzero(np.isfinite(light.power[:, j]))
-        time, power = light.time_s[known, j], light.power[known, j]
-        if time.size < FEWEST_SAMPLES:
-            flag[j] = NO_SAMPLES
-            continue
-        spacing = spacing_s(time, light.cadence_s)
-        top = first_maximum(power, float(rise[j]) / spacing)
-        peaks[j] = known[top]
-        edge = half_maximum_edge(time, power, spacing, float(time[top]))
-        flag[j], half[j] = edge.flag, edge.arrival_s
-        if not flag[j] and power[top] < SIGNAL_SIGMAS * quiet_noise(power, float(power[top])):
-            flag[j] = NO_SIGNAL
-        if not flag[j] and _is_flat(time, power, top, float(rise[j])):
-            flag[j] = SATURATED
-    return _Start(
-        half, peaks, flag, rise, _robust_curve(light.frequency_mhz, half, flag, np.hypot(rise, light.cadence_s))
-    )
-
-
-def _is_flat(time_s: FloatArray, power: FloatArray, top: int, rise: float) -> bool:
-    lower = np.flatnonzero(power[top:] < power[top] * (1 - 1e-6))
-    flat = int(lower[0]) if lower.size else power.size - top
-    return flat >= FLAT_SAMPLES and time_s[top + flat - 1] - time_s[top] >= FLAT_RISES * rise
-
-
-def _robust_curve(
-    frequency_mhz: FloatArray, half_s: FloatArray, flag: npt.NDArray[np.object_], scale_s: FloatArray
-) -> FloatArray:
-    """Curve a + b / f + c / f^2 through the half-maxima, with Cauchy weights; NaN where fewer than four are known."""
-    good = np.isfinite(half_s) & (flag == "")
-    if good.sum() < FEWEST_CHANNELS:
-        return np.full(half_s.shape, np.nan)
-    x = 1.0 / frequency_mhz
-    terms = np.stack([np.ones_like(x), x, x**2], axis=-1)
-    middle = np.median(half_s[good])
-    ridge = np.diag([1e-9, 1e-7, 1e-4])
-    weight = np.ones(int(good.sum()))
-    scale = 0.5 * scale_s[good]
-    coefficients = np.zeros(3)
-    for _ in range(15):
-        normal = terms[good].T * (weight / scale**2)
-        coefficients = np.linalg.solve(normal @ terms[good] + ridge, normal @ (half_s[good] - middle))
-        away = (half_s[good] - middle - terms[good] @ coefficients) / scale
-        weight = 1.0 / (1.0 + away**2)
-    return np.asarray(middle + terms @ coefficients)
-
-
-def _samples(light: LightCurves, start: _Start, rises: RiseOfBurst, index: int) -> _Craft | None:
-    """Samples to fit of the channels of a spacecraft; None where too few channels are good."""
-    kept: list[tuple[int, FloatArray, FloatArray, FloatArray, float, float, int]] = []
-    scatter = _receiver_scatter(light, start)
-    for j in range(light.frequency_mhz.size):
-        if start.flag[j] or not np.isfinite(start.curve_s[j]):
-            start.flag[j] = start.flag[j] or NO_FLANK
-            continue
-        chosen = _channel_samples(light, start, j)
-        if isinstance(chosen, str):
-            start.flag[j] = chosen
-        else:
-            kept.append((j, *chosen))
-    if len(kept) < FEWEST_CHANNELS:
-        return None
-    most = max(one[1].size for one in kept)
-    shape = (len(kept), most)
-    time, power, apart, known = np.zeros(shape), np.zeros(shape), np.zeros(shape), np.zeros(shape, dtype=bool)
-    for row, (_, times, powers, aparts, *_) in enumerate(kept):
-        time[row, : times.size], power[row, : times.size], apart[row, : times.size] = times, powers, aparts
-        time[row, times.size :] = times[-1]
-        known[row, : times.size] = True
-    rows = np.array([one[0] for one in kept])
-    height = np.array([one[2].max() for one in kept])
-    noise = np.array([one[4] for one in kept])
-    frequency, rise = light.frequency_mhz[rows], start.rise_s[rows]
-    return _Craft(
-        index=index,
-        light=light,
-        frequency_mhz=frequency,
-        time_s=time,
-        power=power / height[:, None],
-        integration_s=np.maximum(np.array([one[5] for one in kept]), 0.05 * rise),
-        apart_s=apart,
-        known=known,
-        noise=noise / height,
-        scatter=scatter / np.sqrt(np.array([one[6] for one in kept]))[:, None],
-        background=light.background / height,
-        start_s=start.curve_s[rows],
-        start_sd_s=START_RISES * rise + START_CADENCES * light.cadence_s,
-        log_width=np.log(rise),
-        rows=rows,
-        arrival_s=start.curve_s[rows].copy(),
-        height=np.ones(rows.size),
-        base=np.zeros(rows.size),
-        weight=np.zeros(shape),
-        spacing_s=np.array([np.median(np.diff(one[1])) for one in kept]),
-    )
-
-
-def _receiver_scatter(light: LightCurves, start: _Start) -> float:
-    """Scatter of samples about the mean of their neighbours near the maximum, where they resolve the burst."""
-    found = []
-    for j in np.flatnonzero(start.flag == ""):
-        known = np.isfinite(light.power[:, j])
-        power = light.power[known, j]
-        if 4 * light.cadence_s > start.rise_s[j] or power.size < 5:
-            continue
-        middle = power[1:-1]
-        high = middle > 0.5 * power.max()
-        found.append(((middle - 0.5 * (power[2:] + power[:-2]))[high] / middle[high]))
-    away = np.concatenate(found) if found else np.empty(0)
-    if away.size < 10:
-        return 2 * FLUX_SCATTER
-    return float(np.clip(1.4826 * np.median(np.abs(away)) / np.sqrt(1.5), FLUX_SCATTER, LARGEST_SCATTER))
-
-
-def _channel_samples(
-    light: LightCurves, start: _Start, j: int
-) -> tuple[FloatArray, FloatArray, FloatArray, float, float, int] | str:
-    """Times, powers, times between visits, noise before the burst and integration of a channel; or why there are none."""
-    known = np.flatnonzero(np.isfinite(light.power[:, j]))
-    time, power, apart = light.time_s[known, j], light.power[known, j], light.apart_s[known, j]
-    rise, cadence = float(start.rise_s[j]), spacing_s(time, light.cadence_s)
-    middle = float(start.curve_s[j])
-    if abs(start.half_s[j] - middle) < rise + cadence:
-        middle = float(start.half_s[j])
-    integration = float(light.integration_s[j])
-    inside = time >= middle - BEFORE_RISES * rise - BEFORE_CADENCES * cadence
-    inside &= time <= middle + AFTER_RISES * rise + AFTER_CADENCES * cadence
-    time, power, apart = time[inside], power[inside], apart[inside]
-    if time.size < FEWEST_SAMPLES:
-        return NO_SAMPLES
-    near = np.abs(time - middle) <= FLANK_RISES * rise + cadence
-    if near.sum() < 2 or np.diff(time)[near[1:] & near[:-1]].max(initial=0.0) > GAP_CADENCES * cadence:
-        return GAP
-    together = int(FINEST_RISES * rise // cadence)
-    if together > 1:
-        whole = time.size // together * together
-        time, power, apart = (one[-whole:].reshape(-1, together).mean(axis=1) for one in (time, power, apart))
-        integration += (together - 1) * cadence
-        cadence *= together
-    top = first_maximum(power, rise / cadence)
-    early = power[time < middle - 2.5 * rise - 0.5 * cadence - 0.5 * integration]
-    noise = float(1.4826 * np.median(np.abs(early - np.median(early)))) if early.size >= 4 else 0.0
-    noise = max(noise, 0.5 * quiet_noise(power, float(power[top])), light.background * 1e-3)
-    if power[top] < SIGNAL_SIGMAS * noise:
-        return NO_SIGNAL
-    end = _end(power, top, noise)
-    if end < FEWEST_SAMPLES or not early.size:
-        return NO_SAMPLES
-    return time[:end], power[:end], apart[:end], noise, integration, max(together, 1)
-
-
-def _end(power: FloatArray, top: int, noise: float) -> int:
-    """Where the fit of a light curve ends: it has fallen, or rises again."""
-    after = power[top:]
-    lowest = np.minimum.accumulate(after)
-    over = (after < FALLEN * power[top]) | (after - lowest > 0.12 * power[top] + 4 * noise)
-    stop = int(np.argmax(over)) if over.any() else after.size - 1
-    return top + stop + 1
+    return _Fit(craft).solve(starts)
 
 
 class _Fit:
@@ -524,8 +210,10 @@ class _Fit:
     change with ln f (2), ln curvature at the knots (K), its change with ln f (K).
     """
 
-    def __init__(self, craft: Sequence[_Craft], rises: RiseOfBurst) -> None:
-        self.craft, self.rises = craft, rises
+    def __init__(self, craft: Sequence[Craft]) -> None:
+        self.craft = craft
+        for one in craft:
+            one.shape_error, one.decay_error = SHAPE_ERROR, DECAY_ERROR
         self.middle = float(np.mean(np.concatenate([np.log(one.frequency_mhz) for one in craft])))
         number, knots = len(craft), KNOTS.size
         self.slope_at = 3 + 2 * number
@@ -546,10 +234,10 @@ class _Fit:
             block = slice(first, first + knots)
             self.prior[block, block] = np.eye(knots) / alone**2 + step.T @ step / change**2
 
-    def _across(self, one: _Craft) -> FloatArray:
+    def _across(self, one: Craft) -> FloatArray:
         return np.asarray(np.log(one.frequency_mhz) - self.middle)
 
-    def _width_terms(self, one: _Craft) -> FloatArray:
+    def _width_terms(self, one: Craft) -> FloatArray:
         """Derivatives of ln width of the channels with respect to the globals, shape (C, G)."""
         x, number = self._across(one), len(self.craft)
         terms = np.zeros((x.size, self.value.size))
@@ -558,19 +246,19 @@ class _Fit:
         terms[:, 3 + number + one.index] = x
         return terms
 
-    def _log_profile(self, one: _Craft, value: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+    def _log_profile(self, one: Craft, value: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Log of the profile on the grid, (C, U); its slope at the pivot, (C, 1), and its curvatures, (C, K)."""
         x, knots = self._across(one)[:, None], KNOTS.size
         slope = np.exp(value[self.slope_at] + x * value[self.slope_at + 1])
         curvature = np.exp(value[-2 * knots : -knots] + x * value[-knots:])
         return np.log(0.5) + slope * GRID - curvature @ HATS.T, slope, curvature
 
-    def model(self, one: _Craft, value: FloatArray) -> FloatArray:
+    def model(self, one: Craft, value: FloatArray) -> FloatArray:
         """Mean of the profile over each sample, shape (C, M)."""
         profile = np.exp(np.minimum(self._log_profile(one, value)[0], 50.0))[:, :, None]
         return self._means(one, value, profile)[0][:, :, 0]
 
-    def linear(self, one: _Craft, value: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
+    def linear(self, one: Craft, value: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
         """Mean of the profile over each sample, and derivatives by time, ln width and shape.
 
         Shapes (C, M), (C, M), (C, M), (C, M, 1 + K).
@@ -584,7 +272,7 @@ class _Fit:
         means, by_time, by_width = self._means(one, value, table)
         return means[:, :, 0], by_time, by_width, means[:, :, 1:]
 
-    def _means(self, one: _Craft, value: FloatArray, table: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+    def _means(self, one: Craft, value: FloatArray, table: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Means of tables over each sample, (C, M, T), and derivatives of the first by time and ln width."""
         whole = np.zeros_like(table)
         np.cumsum(0.5 * STEP * (table[:, 1:] + table[:, :-1]), axis=1, out=whole[:, 1:])
@@ -706,16 +394,16 @@ class _Fit:
                 return gained
         return gained
 
-    def solve(self, lights: Sequence[LightCurves], starts: Sequence[_Start]) -> ProfileEdges:
+    def solve(self, starts: Sequence[Start]) -> ProfileEdges:
         """Fit, and the edges with their errors."""
         for turn in range(ROUNDS):
             self.weigh(scaled=turn >= 2)
             gained = self.descend(STEPS if turn < ROUNDS - 1 else LAST_STEPS)
         if not gained < CONVERGED:
             raise NoDataError(f"no shared profile: the fit does not converge (chi2 still falls by {gained:.2g})")
-        return self._edges(lights, starts)
+        return self._edges(starts)
 
-    def _edges(self, lights: Sequence[LightCurves], starts: Sequence[_Start]) -> ProfileEdges:
+    def _edges(self, starts: Sequence[Start]) -> ProfileEdges:
         self.cached = self.blocks()
         matrix, _, parts = self.cached
         schur = matrix.copy()
@@ -764,7 +452,7 @@ class _Fit:
             factors,
         )
 
-    def _level(self, one: _Craft) -> tuple[FloatArray, FloatArray, FloatArray]:
+    def _level(self, one: Craft) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Time from the pivot to the level, from there to the maximum, and derivatives of the former by the globals."""
         log, pivot, curvature = self._log_profile(one, self.value)
         by = np.concatenate([(pivot * GRID)[:, :, None], -curvature[:, None, :] * HATS], axis=-1)
@@ -785,7 +473,7 @@ class _Fit:
         derivative[:, -2 * knots :] += np.hstack([moved[:, 1:], moved[:, 1:] * x])
         return at * width, (GRID[top] - at) * width, derivative * width[:, None]
 
-    def _collapsed(self, one: _Craft, level_s: FloatArray) -> Collapsed:
+    def _collapsed(self, one: Craft, level_s: FloatArray) -> Collapsed:
         mean = self.model(one, self.value)
         width = np.exp(one.log_width + self._width_terms(one) @ self.value)[:, None]
         widths = (one.time_s - one.arrival_s[:, None] - level_s[:, None]) / width
@@ -818,7 +506,7 @@ def _integral(table: FloatArray, whole: FloatArray, at: FloatArray) -> tuple[Flo
     return integral + value * (at - inside)[:, :, None], value[:, :, 0]
 
 
-def _shape_error(one: _Craft, square: FloatArray, fixed: FloatArray, height2: FloatArray) -> float:
+def _shape_error(one: Craft, square: FloatArray, fixed: FloatArray, height2: FloatArray) -> float:
     """Share of the maximum that makes the median reduced chi2 of the channels of a spacecraft 1; sets its `excess`."""
     free = np.maximum((one.known & np.isfinite(height2)).sum(axis=1) - LOST, 1)
     free = free * (1.0 - 2.0 / (9.0 * free)) ** 3  # median of chi2 (Wilson & Hilferty 1931)

@@ -50,7 +50,7 @@ class SimulatedBurst:
         Peak over background in power, where the burst is brightest and seen from where its source points to.
     rotation_period_d : float
     width_factor : float
-        By how much rise and decay are longer than the laws of :mod:`bella.bursts.widths` have them.
+        By how much rise and decay are longer than the published laws have them.
     taper : float
         Over how much of ln f the burst fades at either end of its band; 0 for sharp ends.
     directivity : float

@@ -1,9 +1,10 @@
 """Light curve of a burst in one channel: a Gaussian rise smeared by a decay, as scattering leaves it.
 
-Widths follow frequency as observed (:mod:`bella.bursts.widths`). The smearing kernel is a gamma distribution, so that
+Widths follow frequency as observed. The smearing kernel is a gamma distribution, so that
 the curve is none of those that are later fitted to it.
 """
 
+import math
 from dataclasses import dataclass
 from functools import lru_cache
 
@@ -11,8 +12,21 @@ import numpy as np
 from scipy import stats
 from scipy.signal import fftconvolve
 
-from bella.bursts.widths import HALF_WIDTH_SD, decay_s, rise_half_width_s
 from bella.units import FloatArray
+
+HALF_WIDTH_SD = math.sqrt(2 * math.log(2))
+"""Half width at half maximum of a Gaussian, in its standard deviations."""
+
+
+def rise_half_width_s(frequency_mhz: float) -> float:
+    """Half width of the rise, 1.5 (f / 30 MHz)^-0.77 s: Reid & Kontar 2018, A&A 614, A69."""
+    return float(1.5 * (frequency_mhz / 30.0) ** -0.77)
+
+
+def decay_s(frequency_mhz: float) -> float:
+    """Decay time, 72 (f / MHz)^-0.97 s: Kontar et al. 2019, ApJ 884, 122."""
+    return float(72.0 * frequency_mhz**-0.97)
+
 
 GAMMA_SHAPE = 1.3
 STEPS_PER_SD = 40
