@@ -13,6 +13,7 @@ from bella.simulation.archive_days import write_spectra
 from bella.simulation.burst import arrival_s
 from bella.simulation.day import observe_day
 from bella.simulation.instruments import instruments
+from bella.simulation.light_curves import PulseLaw
 from bella.simulation.receiver import filled_in_frequency
 from bella.simulation.sky import Conditions, Sky
 from bella.spectra import open_spectra, sample_times
@@ -29,6 +30,7 @@ BURSTS = tuple(
         f_low_mhz=0.2,
         f_high_mhz=12.0,
         contrast=300.0,
+        pulse=PulseLaw("emg", 40.0, -0.8),
     )
     for hour in HOURS
 )
