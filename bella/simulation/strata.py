@@ -9,7 +9,7 @@ come from :func:`judging_seed` alone, so that nobody tunes on them by accident.
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from datetime import date, timedelta
-from functools import reduce
+from functools import cached_property, reduce
 
 import numpy as np
 import pandas as pd
@@ -45,6 +45,10 @@ class JudgingSeed:
     """Seed of a case that is for judging only; made by :func:`judging_seed`."""
 
     number: int
+
+    def __post_init__(self) -> None:
+        if self.number < FIRST_JUDGING_SEED:
+            raise InputError(f"{self.number} is no seed for judging; take judging_seed(number), numbered from 0 on")
 
 
 def judging_seed(number: int) -> JudgingSeed:
@@ -149,16 +153,31 @@ class SimulatedCase:
     ----------
     stratum, fleet : str
     seed : int
+    day : datetime.date
+    datasets : dict of str to tuple of str
+        Data sets of each spacecraft.
     drawn : Drawn
-    spectra : dict of str to xarray.Dataset
-        One dynamic spectrum for each spacecraft, as the readers of its archive files would give it.
     """
 
     stratum: str
     fleet: str
     seed: int
+    day: date
+    datasets: Datasets
     drawn: Drawn
-    spectra: dict[str, xr.Dataset]
+
+    @cached_property
+    def spectra(self) -> dict[str, xr.Dataset]:
+        """One dynamic spectrum for each spacecraft, as the readers of its archive files would give it."""
+        return {name: self._spectrum(name) for name in self.datasets}
+
+    def _spectrum(self, name: str) -> xr.Dataset:
+        rng = np.random.default_rng([self.seed, *f"{self.stratum}, {self.fleet}, {name}".encode()])
+        receivers = [one for key in self.datasets[name] for one in instruments(key, self.day)]
+        whole = reduce(combine_receivers, [_as_read(one, self.drawn, rng) for one in receivers])
+        lowest_mhz = self.drawn.conditions.get(name, Conditions()).lowest_mhz
+        kept = np.flatnonzero(whole["frequency"].to_numpy() >= lowest_mhz)
+        return whole.isel(frequency=kept).assign_attrs(origin="simulated")
 
     @property
     def burst(self) -> SimulatedBurst:
@@ -169,7 +188,7 @@ class SimulatedCase:
     def around_utc(self) -> np.datetime64:
         """About when the burst begins at high frequencies, as someone who looks at the spectra would say, UTC."""
         first_s = [
-            arrival_s(self.burst, np.array([min(self.burst.f_high_mhz * 0.9, 8.0)]), name)[0] for name in self.spectra
+            arrival_s(self.burst, np.array([min(self.burst.f_high_mhz * 0.9, 8.0)]), name)[0] for name in self.datasets
         ]
         return self.burst.release_utc + np.timedelta64(round(min(first_s) / 30.0) * 30, "s")
 
@@ -238,14 +257,7 @@ def isolated_burst(stratum: str, fleet: str | date, seed: int | JudgingSeed) -> 
     names = tuple(datasets)
     drawn = STRATA[stratum](_clean(day, rng), names, rng)
     drawn = replace(drawn, burst=replace(drawn.burst, stratum=stratum))
-    known = {name: [one for key in datasets[name] for one in instruments(key, day)] for name in names}
-    spectra = {}
-    for name, receivers in known.items():
-        parts = [_as_read(one, drawn, rng) for one in receivers if one.receiver.observatory == name]
-        whole = reduce(combine_receivers, parts).assign_attrs(origin="simulated")
-        lowest_mhz = drawn.conditions.get(name, Conditions()).lowest_mhz
-        spectra[name] = whole.isel(frequency=np.flatnonzero(whole["frequency"].to_numpy() >= lowest_mhz))
-    return SimulatedCase(stratum, str(fleet), number, drawn, spectra)
+    return SimulatedCase(stratum, str(fleet), number, day, datasets, drawn)
 
 
 def _number(seed: int | JudgingSeed) -> int:

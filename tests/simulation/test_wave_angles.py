@@ -14,7 +14,7 @@ from bella.simulation.instruments import instruments
 from bella.simulation.sky import Sky
 from bella.spacecraft import position_hee
 from bella.spectra import open_spectra
-from bella.tracks import wave_directions
+from bella.tracks.wave_directions import wave_directions
 
 DAY = date(2012, 6, 7)
 RELEASE = np.datetime64("2012-06-07T19:20", "ns")
