@@ -223,3 +223,12 @@ def test_a_case_that_is_written_can_be_read(tmp_path: Path) -> None:
     truth = json.loads((tmp_path / "case" / "truth.json").read_text())
     assert burst_of(truth) == case.burst
     assert (truth["stratum"], truth["seed"]) == ("directional", 1)
+
+
+def test_the_page_names_every_stratum_and_fleet() -> None:
+    page = (Path(__file__).parents[2] / "docs" / "simulation.md").read_text(encoding="utf-8")
+    for name in (*STRATA, *FLEETS):
+        assert name in page, name
+    shares = {name: share for name, (share, _) in DEPARTURES.items()}
+    clean = round(100 * (1.0 - sum(shares.values())))
+    assert f"{clean} % clean, {100 * shares['slowing']:.0f} % slowing" in page
