@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     import pandas as pd
     import xarray as xr
 
+    from bella.bursts.noise import Timed
     from bella.bursts.timing import TimedBurst
 
 out, err = Console(), Console(stderr=True)
@@ -31,24 +32,29 @@ def arrivals(  # noqa: PLR0913, PLR0917 - one argument per option
     spectrum: Annotated[list[Path], typer.Argument(help="Archive files, netCDF or Zarr, of any spacecraft.")],
     around: Annotated[str, typer.Option(help="About when the burst begins at high frequencies, UTC.")],
     output: Annotated[Path, typer.Option(help="CSV to write, as bella localise and bella fit-track read it.")],
-    edge: Annotated[str, typer.Option(help="half_rise, half_maximum or gauss_hermite.")] = "half_rise",
+    edge: Annotated[
+        str, typer.Option(help="shared_profile, half_rise, half_maximum or gauss_hermite.")
+    ] = "shared_profile",
     per_channel: Annotated[
         bool, typer.Option("--per-channel", help="Edges of the channels as they are, flagged ones too.")
     ] = False,
     frequencies: Annotated[int, typer.Option(help="So many frequencies that the spacecraft share.")] = 40,
     covariance: Annotated[
         Path | None,
-        typer.Option(help="netCDF with the covariance of the times along t(f).", show_default="not written"),
+        typer.Option(
+            help="netCDF with the covariance of all rows of the table (with --per-channel, of those without a flag).",
+            show_default="not written",
+        ),
     ] = None,
     figures: Annotated[
         Path | None, typer.Option(help="Folder for spectra with their edges.", show_default="none drawn")
     ] = None,
 ) -> None:
-    """Time a burst in spectra: edges with their errors, and t(f) at frequencies that all spacecraft share."""
-    from bella.bursts.edges import METHOD_OF_EDGE
+    """Time a burst in spectra: arrival times with their errors, at frequencies that all spacecraft share."""
+    from bella.bursts.timing import EDGES
 
-    if edge not in METHOD_OF_EDGE:
-        raise InputError(f"--edge {edge}: choose one of {', '.join(METHOD_OF_EDGE)}")
+    if edge not in EDGES:
+        raise InputError(f"--edge {edge}: choose one of {', '.join(EDGES)}")
     if not 0 < frequencies <= MOST_FREQUENCIES:
         raise InputError(f"--frequencies {frequencies} is not between 1 and {MOST_FREQUENCIES}")
     for path in filter(None, (output, covariance)):
@@ -57,56 +63,52 @@ def arrivals(  # noqa: PLR0913, PLR0917 - one argument per option
     moment = instant(around)
     know_updates()
     spectra = read_fleet(spectrum)
-    timed = _timed(spectra, moment, METHOD_OF_EDGE[edge])
-    written = _written(timed, METHOD_OF_EDGE[edge], frequencies, per_channel=per_channel)
+    timed = _timed(spectra, moment, edge)
+    rows, table = _rows(timed, frequencies, per_channel=per_channel)
     if per_channel:
-        write_table(written, output)
+        write_table(timed.edges, output)
     else:
         from bella.arrivals import arrivals_csv
 
-        write_whole(output, arrivals_csv(written))
+        write_whole(output, arrivals_csv(table))
     if covariance is not None:
-        from bella.bursts.timing import arrival_covariance, shared_frequencies_mhz
+        from bella.arrivals import write_covariance
 
-        write_netcdf(arrival_covariance(timed, shared_frequencies_mhz(timed, frequencies)), covariance)
+        write_covariance(rows.covariance_s2(), covariance)
     if figures is not None:
-        _draw(figures, spectra, timed, written)
-    _say(timed, output)
+        _draw(figures, spectra, timed, None if per_channel else table)
+    _say(timed, edge, output)
 
 
-def _timed(spectra: "dict[str, xr.Dataset]", moment: "np.datetime64", method: str) -> "TimedBurst":
-    import pandas as pd
-
+def _timed(spectra: "dict[str, xr.Dataset]", moment: "np.datetime64", edge: str) -> "TimedBurst":
     from bella.bursts.detection import search
-    from bella.bursts.timing import burst_edges, candidate_near, timed_burst
+    from bella.bursts.timing import burst_spectrum, candidate_near, time_burst
 
-    edges = []
-    for name, one in spectra.items():
+    parts = []
+    for one in spectra.values():
         searched = search(one)
         try:
-            edges.append(burst_edges(searched, candidate_near(searched, moment), method))
+            parts.append(burst_spectrum(searched, candidate_near(searched, moment)))
         except NoDataError as error:
             err.print(f"Left out: {error}", soft_wrap=True, highlight=False)
-            continue
-        if edges[-1].empty:
-            err.print(f"Left out: {name} has no channel in the band of the burst", soft_wrap=True)
-    if not edges:
+    if not parts:
         raise NoDataError(f"no spacecraft shows a burst around {moment}; give another time, or other files")
-    return timed_burst(pd.concat(edges, ignore_index=True), spectra)
+    return time_burst(parts, edge)
 
 
-def _written(timed: "TimedBurst", method: str, number: int, *, per_channel: bool) -> "pd.DataFrame":
-    from bella.bursts.timing import arrival_table, shared_frequencies_mhz
+def _rows(timed: "TimedBurst", number: int, *, per_channel: bool) -> "tuple[Timed, pd.DataFrame]":
+    from bella.bursts.timing import arrival_frame, arrivals_at, shared_frequencies_mhz
 
     if per_channel:
-        return timed.edges
-    return arrival_table(timed, shared_frequencies_mhz(timed, number), method)
+        return timed.noise, timed.edges
+    rows = arrivals_at(timed, shared_frequencies_mhz(timed, number))
+    return rows, arrival_frame(timed, rows)
 
 
-def _draw(folder: Path, spectra: "dict[str, xr.Dataset]", timed: "TimedBurst", table: "pd.DataFrame") -> None:
+def _draw(folder: Path, spectra: "dict[str, xr.Dataset]", timed: "TimedBurst", table: "pd.DataFrame | None") -> None:
     import numpy as np
 
-    from bella.plotting import write_aligned_png, write_light_curves_png
+    from bella.plotting import write_aligned_png, write_collapsed_png, write_light_curves_png
     from bella.spacecraft import light_time_s
     from bella.spectra import over_background
 
@@ -118,24 +120,31 @@ def _draw(folder: Path, spectra: "dict[str, xr.Dataset]", timed: "TimedBurst", t
     }
     utc = np.array([timed.reference_utc])
     from_sun_s = {name: float(light_time_s(name, utc, np.zeros(3))[0]) for name in names}
-    curve = table if timed.evolutions and "offset_sd_s" in table else None
-    write_aligned_png(folder / "aligned.png", shown, timed.edges, from_sun_s, curve)
+    write_aligned_png(folder / "aligned.png", shown, timed.edges, from_sun_s, table)
+    if timed.collapsed:
+        from bella.bursts.shared_profile import collapsed_samples
+
+        write_collapsed_png(folder / "shared_profile.png", collapsed_samples(timed.collapsed))
     rows = np.unique(timed.edges.loc[timed.edges["flag"] == "", "frequency_mhz"])
     chosen = rows[np.linspace(0, rows.size - 1, min(5, rows.size)).astype(int)][::-1]
     write_light_curves_png(folder / "light_curves.png", shown, timed.edges, chosen.tolist())
 
 
-def _say(timed: "TimedBurst", output: Path) -> None:
-    table = Table("spacecraft", "edges", "refused", "MHz", "t(f)", box=SIMPLE_HEAD, pad_edge=False)
+def _say(timed: "TimedBurst", asked: str, output: Path) -> None:
+    table = Table("spacecraft", "edges", "refused", "MHz", box=SIMPLE_HEAD, pad_edge=False)
     for name, rows in timed.edges.groupby("observatory", sort=False):
-        good = int((rows["flag"] == "").sum())
-        low, high = timed.bands_mhz.get(str(name), (float("nan"), float("nan")))
-        curve = timed.evolutions.get(str(name))
-        basis = (
-            "too few edges"
-            if curve is None
-            else f"{curve.basis.replace('_', ' ')}, errors x {curve.inflation**0.5:.1f}"
-        )
-        table.add_row(str(name), str(good), str(len(rows) - good), f"{low:.2f}-{high:.3g}", basis)
+        good = rows["flag"] == ""
+        frequency = rows.loc[good, "frequency_mhz"]
+        band = f"{frequency.min():.2f}-{frequency.max():.3g}" if good.any() else "none"
+        table.add_row(str(name), str(int(good.sum())), str(int((~good).sum())), band)
     out.print(table)
+    if timed.edge != asked:
+        out.print(f"Edge {timed.edge}: a shared profile needs three spacecraft with enough channels, and a fit")
+    noise = timed.noise
+    out.print(
+        f"Errors beyond those of the samples, in rise times: {noise.shape_share:.3f} smooth along frequency, "
+        f"{noise.channel_share:.3f} of each channel",
+        soft_wrap=True,
+        highlight=False,
+    )
     out.print(f"Table  {output}", soft_wrap=True, highlight=False)

@@ -88,6 +88,7 @@ EDGE_FLAGS = {
     "edges_disagree": "The half-rise and the half-maximum of the same maximum differ by more than their errors allow: "
     "not a single burst, and neither is given.",
     "fit_failed": "No curve fits the samples: not a single burst, or the samples are not what they seem.",
+    "outlier": "Far from the curve through the other channels of the spacecraft, or with too large an error.",
     "peak_outside": "The peak of the Gauss-Hermite curve, or its edge, is outside the samples.",
 }
 """Why a channel has no edge, in the column ``flag`` of the arrival table."""

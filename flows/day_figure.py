@@ -8,7 +8,7 @@ import pandas as pd
 import structlog
 import xarray as xr
 
-from bella.bursts.search_grid import over_quiet
+from bella.bursts.matched_filter import over_quiet
 from bella.catalogue import Detection
 from bella.exceptions import BellaError
 from bella.plotting import write_day_png

@@ -13,15 +13,16 @@ import xarray as xr
 
 import bella
 from bella.bursts.association import AssociatedBurst, Member, associate, association_table
-from bella.bursts.channel_arrivals import channel_arrivals
 from bella.bursts.detection import search
-from bella.bursts.edges import METHOD_OF_EDGE
 from bella.bursts.timing import (
+    HALF_RISE,
+    SHARED,
     TimedBurst,
     arrival_table,
-    burst_edges,
+    burst_spectrum,
+    channel_arrivals,
     shared_frequencies_mhz,
-    timed_burst,
+    time_burst,
     why_not_timed,
 )
 from bella.catalogue import Burst, BurstQuery, Catalogue, Detection, SearchedDay, SourceFile
@@ -44,7 +45,7 @@ SAME_BURST = timedelta(minutes=10)
 """A burst that begins this near to one of the catalogue is that one, whatever later data say of its onset."""
 
 SHOWN_BEFORE, SHOWN_AFTER = np.timedelta64(20, "m"), np.timedelta64(40, "m")
-EDGES = ("half_rise", "half_maximum")
+EDGES = (SHARED, HALF_RISE, "half_maximum")
 """Definitions of the edge with which a burst is timed."""
 
 
@@ -230,16 +231,17 @@ def place_burst(day: HeardDay, burst: AssociatedBurst, burst_id: str) -> BurstIn
     """
     members = [member for member in burst.members if member.fits]
     names = [member.searched.observatory for member in members]
-    timed = {edge: _timed(members, METHOD_OF_EDGE[edge]) for edge in EDGES}
-    reason = why_not_timed(timed["half_rise"], names)
+    parts = [burst_spectrum(member.searched, member.candidate) for member in members]
+    timed = {one.edge: one for edge in EDGES if (one := time_burst(parts, edge))}
+    reason = why_not_timed(timed[HALF_RISE], names)
     if reason:
         return reason
     arrivals, edges = {}, {}
     for edge, one in timed.items():
         if not why_not_timed(one, names):
-            arrivals[edge] = arrival_table(one, shared_frequencies_mhz(one), METHOD_OF_EDGE[edge])
+            arrivals[edge] = arrival_table(one, shared_frequencies_mhz(one))
             edges[edge] = one.edges
-    known = arrivals["half_rise"]
+    known = arrivals[HALF_RISE]
     record = Burst(
         burst_id,
         aware(burst.start_utc.to_datetime64()),
@@ -266,12 +268,6 @@ def _channel_tables(timed: Mapping[str, TimedBurst]) -> dict[str, pd.DataFrame]:
         except InputError as error:  # the track is then fitted to t(f)
             log.warning("no channel edges for the track", edge=edge, reason=str(error))
     return tables
-
-
-def _timed(members: Sequence[Member], method: str) -> TimedBurst:
-    parts = [burst_edges(one.searched, one.candidate, method) for one in members]
-    spectra = {one.searched.observatory: one.searched.over for one in members}
-    return timed_burst(pd.concat(parts, ignore_index=True), spectra)
 
 
 def _shown(members: Sequence[Member], burst: AssociatedBurst) -> xr.DataTree:

@@ -13,17 +13,17 @@ import pandas as pd
 import xarray as xr
 
 from bella.arrivals import read_arrivals
+from bella.bursts.association import burst_id, onset
 from bella.bursts.event import (
     EVENT,
     PUBLISHED_TRACK,
+    event_arrivals,
     half_maximum_arrivals,
     half_maximum_edges,
-    half_rise_arrivals,
-    half_rise_channels,
-    half_rise_edges,
     published_arrivals,
+    timed_event,
 )
-from bella.bursts.identity import burst_id, onset
+from bella.bursts.timing import HALF_RISE, SHARED, channel_arrivals
 from bella.catalogue import Burst, SourceFile
 from bella.exceptions import InputError
 from bella.spectra import event_spectra
@@ -111,7 +111,7 @@ def _built_in_event() -> BurstInput:
     arrivals = {
         "gauss_hermite": published_arrivals(),
         "half_maximum": half_maximum_arrivals(),
-        "half_rise": half_rise_arrivals(),
+        **{edge: event_arrivals(edge) for edge in (HALF_RISE, SHARED)},
     }
     burst = Burst(
         EVENT.burst_id,
@@ -124,9 +124,9 @@ def _built_in_event() -> BurstInput:
     edges = {
         "gauss_hermite": arrivals["gauss_hermite"],
         "half_maximum": half_maximum_edges(),
-        "half_rise": half_rise_edges(),
+        **{edge: timed_event(edge).edges for edge in (HALF_RISE, SHARED)},
     }
-    channels = {"half_rise": half_rise_channels()}
+    channels = {edge: channel_arrivals(timed_event(edge)) for edge in (HALF_RISE, SHARED)}
     return BurstInput(burst, arrivals, edges, event_spectra(), _event_sources(), PUBLISHED_TRACK, channels)
 
 

@@ -1,4 +1,4 @@
-"""Which spacecraft heard the same burst.
+"""Which spacecraft heard the same burst, and its stable name.
 
 Two spacecraft hear a frequency at times that differ by no more than light takes from one to the other. Bursts are taken
 strongest first; at every other spacecraft the best detection within that window is theirs, or, where the search alone
@@ -22,9 +22,7 @@ from bella.bursts.detection import (
     onset_records,
     why_not_alone,
 )
-from bella.bursts.identity import burst_id
-from bella.bursts.matched_filter import BEAM_SPEEDS_C
-from bella.bursts.search_grid import FREQUENCY_MHZ, STEP_S
+from bella.bursts.matched_filter import BEAM_SPEEDS_C, FREQUENCY_MHZ, STEP_S
 from bella.exceptions import InputError, NoDataError
 from bella.flags import CATALOGUED, LOCALISABLE
 from bella.spacecraft import position_hee
@@ -273,3 +271,53 @@ def _spread_rsun(where_rsun: FloatArray) -> float:
     """How far spacecraft are off the line through them, in the ecliptic plane."""
     inner = where_rsun[:, :2] - where_rsun[:, :2].mean(axis=0)
     return float(np.linalg.svd(inner, compute_uv=False)[-1])
+
+
+def onset(arrivals: pd.DataFrame) -> np.datetime64:
+    """Earliest arrival at the highest frequency: the moment a burst is named after.
+
+    Parameters
+    ----------
+    arrivals : pandas.DataFrame
+        Arrival table; needs ``frequency_mhz`` and ``arrival_utc``.
+
+    Returns
+    -------
+    numpy.datetime64
+        UTC, nanoseconds.
+
+    Raises
+    ------
+    InputError
+        If no row has an arrival time.
+    """
+    known = arrivals.dropna(subset=["arrival_utc"])
+    if known.empty:
+        raise InputError(
+            "the arrival table holds no arrival time, so the burst cannot be named: add rows with arrival_utc"
+        )
+    highest = known.loc[known["frequency_mhz"] == known["frequency_mhz"].max(), "arrival_utc"]
+    return np.datetime64(highest.min(), "ns")
+
+
+def burst_id(moment: np.datetime64) -> str:
+    """Name of a burst by its onset, such as ``T3-20120607-1929``.
+
+    Parameters
+    ----------
+    moment : numpy.datetime64
+        Onset, UTC; seconds are dropped, not rounded.
+
+    Returns
+    -------
+    str
+        ``T3-YYYYMMDD-HHMM``.
+
+    Raises
+    ------
+    InputError
+        If the onset is NaT.
+    """
+    if np.isnat(moment):
+        raise InputError("a burst without onset has no name: give a UTC time")
+    return f"T3-{pd.Timestamp(moment):%Y%m%d-%H%M}"

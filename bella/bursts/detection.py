@@ -13,9 +13,19 @@ import numpy.typing as npt
 import pandas as pd
 import xarray as xr
 
-from bella.bursts.matched_filter import BEAM_SPEEDS_C, Match, channel_match, drift_delays_s, drift_match
-from bella.bursts.search_grid import FREQUENCY_MHZ, STEP_S, SearchGrid, over_quiet, search_grid
-from bella.bursts.widths import decay_s
+from bella.bursts.light_curves import decay_s
+from bella.bursts.matched_filter import (
+    BEAM_SPEEDS_C,
+    FREQUENCY_MHZ,
+    STEP_S,
+    Match,
+    SearchGrid,
+    channel_match,
+    drift_delays_s,
+    drift_match,
+    over_quiet,
+    search_grid,
+)
 from bella.flags import CATALOGUED, REJECTED
 from bella.units import FloatArray
 
@@ -99,7 +109,7 @@ class Searched(NamedTuple):
     """The spectrum of one spacecraft after the search."""
 
     over: xr.Dataset
-    """Over its background (:func:`bella.bursts.search_grid.over_quiet`), as its edges are read from."""
+    """Over its background (:func:`bella.bursts.matched_filter.over_quiet`), as its edges are read from."""
     grid: SearchGrid
     match: Match
     found: tuple[Candidate, ...]
@@ -238,7 +248,7 @@ def _lasting(excess_db: FloatArray, onset: int, channel: int) -> float:
     place = np.searchsorted(low, peak)
     first = low[place - 1] if place > 0 else -1
     last = low[place] if place < low.size else len(excess_db)
-    return float((last - first - 1) * STEP_S / (STEP_S + 2 * decay_s(float(FREQUENCY_MHZ[channel]))))
+    return float((last - first - 1) * STEP_S / (STEP_S + 2 * float(decay_s(FREQUENCY_MHZ[channel]))))
 
 
 def detection_table(rows: Sequence[dict[str, object]]) -> pd.DataFrame:
@@ -277,7 +287,7 @@ def detection_row(searched: Searched, one: Candidate, company: str | None = None
     band, onset = np.flatnonzero(one.hit), onset_records(one)
     peaks = np.array([_peak(grid.excess_db[:, channel], int(onset[channel]), int(channel)) for channel in band])
     heights = grid.excess_db[peaks, band]
-    last = int(peaks[0] + decay_s(float(FREQUENCY_MHZ[band[0]])) // STEP_S)
+    last = int(peaks[0] + float(decay_s(FREQUENCY_MHZ[band[0]])) // STEP_S)
     return {
         "observatory": searched.observatory,
         "start_utc": _utc(grid, onset[band[-1]]),
@@ -326,7 +336,7 @@ def _longest_run(hit: npt.NDArray[np.bool_], measured: npt.NDArray[np.bool_]) ->
 
 def _reach(channel: int) -> int:
     """Minutes from onset to the last in which the maximum may be."""
-    return int(np.ceil(3 * decay_s(float(FREQUENCY_MHZ[channel])) / STEP_S)) + 2
+    return int(np.ceil(3 * float(decay_s(FREQUENCY_MHZ[channel])) / STEP_S)) + 2
 
 
 def _peak(excess_db: FloatArray, onset: int, channel: int) -> int:
@@ -374,7 +384,7 @@ def _second_peak(grid: SearchGrid, onset: int, channel: int) -> bool:
     """Whether the light curve of a channel falls and rises again, by more than noise, within the burst."""
     window = grid.excess_db[max(0, onset - 5) : onset + 2 * _reach(channel), channel]
     window = window[np.isfinite(window)]
-    over = max(1, round(SMOOTHED_SHARE_OF_DECAY * decay_s(float(FREQUENCY_MHZ[channel])) / STEP_S))
+    over = max(1, round(SMOOTHED_SHARE_OF_DECAY * float(decay_s(FREQUENCY_MHZ[channel])) / STEP_S))
     if window.size < over + 2:
         return False
     window = np.convolve(window, np.full(over, 1.0 / over), mode="valid")

@@ -7,7 +7,7 @@ The shape is a Gaussian rise smeared by an exponential decay, averaged over the 
 rise and decay run over a grid, amplitude and background are integrated out, so the error of the time is that of its
 whole posterior, also where the flank falls between two samples and no slope is known.
 
-The priors of rise and decay are log-normal about the observed laws of :mod:`bella.bursts.widths`. Their spreads and the
+The priors of rise and decay are log-normal about the rise of the burst and the observed law of decays. Their spreads and the
 errors of shape below were chosen on simulated bursts of other shapes (``python -m benchmarks.edges --seed 0``), so that
 errors over stated sigmas have a standard deviation near 1; other seeds bear it out.
 
@@ -16,19 +16,158 @@ weights of the samples, and all times are had at once from a Fourier transform.
 """
 
 import math
+from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
+from numpy.typing import NDArray
 from scipy import fft
-from scipy.special import chdtrc
+from scipy.special import chdtrc, log_ndtr, ndtr
 
-from bella.bursts.edge import EDGES_DISAGREE, FIT_FAILED, GAP, NO_FLANK, NO_SAMPLES, NO_SIGNAL, SATURATED, Edge, no_edge
-from bella.bursts.first_maximum import first_maximum
-from bella.bursts.flank_shapes import Averaging, Shapes, shapes, shared_frequency_mhz
-from bella.bursts.half_maximum import FLUX_SCATTER, GAP_CADENCES, LEVEL, half_maximum_edge, quiet_noise, spacing_s
-from bella.bursts.widths import rise_half_width_s
+from bella.bursts.edges import (
+    EDGES_DISAGREE,
+    FIT_FAILED,
+    FLUX_SCATTER,
+    GAP,
+    GAP_CADENCES,
+    LEVEL,
+    NO_FLANK,
+    NO_SAMPLES,
+    NO_SIGNAL,
+    SATURATED,
+    Edge,
+    first_maximum,
+    half_maximum_edge,
+    no_edge,
+    quiet_noise,
+    spacing_s,
+)
+from bella.bursts.light_curves import RiseOfBurst, decay_s
 from bella.units import FloatArray
+
+RISE_SPREAD, DECAY_SPREAD = 0.4, 0.35
+"""Standard deviations of the logarithms of rise and decay about their laws."""
+
+SPREADS = (-2.0, -1.5, -1.0, -0.5, 0.0, 0.5, 1.0, 1.5, 2.0)
+"""Nodes of rise and decay, in standard deviations of their priors."""
+
+WIDTH_STEP = 0.08
+"""Channels whose rise and decay differ by less than this share are fitted with the same curves."""
+
+HALF_WIDTH_SD = math.sqrt(2 * math.log(2))
+"""Half width at half maximum of a Gaussian, in its standard deviations."""
+
+RATIO_STEP = 0.05
+"""Step of the logarithm of decay over rise between tabulated curves."""
+
+BEFORE_SD, AFTER_SD, STEPS_PER_SD = 8.0, 40.0, 40
+
+
+class UnitCurve(NamedTuple):
+    """Curve whose rise has a standard deviation of 1."""
+
+    integral: FloatArray
+    """Running integral at :data:`UNIT_TIME`, from 0 towards 1."""
+    height: float
+    """Maximum of the curve."""
+    half_rise: float
+    """When it has risen to half of that."""
+
+
+UNIT_TIME = np.linspace(-BEFORE_SD, AFTER_SD, int((BEFORE_SD + AFTER_SD) * STEPS_PER_SD) + 1)
+
+
+@lru_cache(maxsize=512)
+def unit_curve(step: int) -> UnitCurve:
+    """Gaussian smeared by an exponential.
+
+    Parameters
+    ----------
+    step : int
+        Logarithm of the decay in standard deviations of the rise, in units of ``RATIO_STEP``.
+
+    Returns
+    -------
+    UnitCurve
+    """
+    tail = float(np.exp(step * RATIO_STEP))
+    smeared = np.exp(np.minimum(0.5 / tail**2 - UNIT_TIME / tail + log_ndtr(UNIT_TIME - 1 / tail), 0.0))
+    density = smeared / tail
+    top = int(density.argmax())
+    half_rise = np.interp(LEVEL * density[top], density[: top + 1], UNIT_TIME[: top + 1])
+    return UnitCurve(ndtr(UNIT_TIME) - smeared, float(density[top]), float(half_rise))
+
+
+class Averaging(NamedTuple):
+    """What a sample is the mean of."""
+
+    integration_s: float
+    """Time that one visit averages over, s."""
+    apart_s: float = 0.0
+    """Time between the two visits that a sample is the mean of, s; 0 where there was one."""
+
+
+class Shapes(NamedTuple):
+    """Curves of maximum 1 about their half-rise, and how likely they are beforehand."""
+
+    first: int
+    """Of the half-rise, in steps before the first point is this many (not above zero)."""
+    samples: FloatArray
+    """Means over what a sample averages, shape (K, G)."""
+    transform: NDArray[np.complex128]
+    """Fourier transform of the samples, shape (K, G // 2 + 1)."""
+    square_transform: NDArray[np.complex128]
+    """The same of their squares."""
+    log_prior: FloatArray
+    """Shape (K,)."""
+
+
+def _rounded(time_s: float) -> float:
+    """Rise or decay that a channel is fitted with: one for all that are near it, so that curves are made once."""
+    return float(np.exp(round(float(np.log(time_s)) / WIDTH_STEP) * WIDTH_STEP))
+
+
+@lru_cache(maxsize=256)
+def shapes(widths_s: tuple[float, float], step_s: float, first: int, points: int, averaging: Averaging) -> Shapes:
+    """Curves of a frequency.
+
+    Parameters
+    ----------
+    widths_s : tuple of float
+        Half width of the rise, and decay time, s.
+    step_s : float
+        Spacing of the points, s.
+    first, points : int
+        Of the first point, in steps after the half-rise, and their number, G.
+    averaging : Averaging
+        What a sample is the mean of.
+
+    Returns
+    -------
+    Shapes
+    """
+    time = step_s * (first + np.arange(points))
+    rows, prior = [], []
+    for of_rise in SPREADS:
+        sd = widths_s[0] / HALF_WIDTH_SD * np.exp(of_rise * RISE_SPREAD)
+        for of_decay in SPREADS:
+            tail = widths_s[1] * np.exp(of_decay * DECAY_SPREAD)
+            in_sd = Averaging(averaging.integration_s / sd, averaging.apart_s / sd)
+            rows.append(_means(time / sd, in_sd, round(float(np.log(tail / sd)) / RATIO_STEP)))
+            prior.append(-0.5 * (of_rise**2 + of_decay**2))
+    samples = np.array(rows)
+    return Shapes(first, samples, fft.rfft(samples), fft.rfft(samples**2), np.array(prior))
+
+
+def _means(time: FloatArray, averaging: Averaging, step: int) -> FloatArray:
+    if averaging.apart_s:
+        visit = averaging._replace(apart_s=0.0)
+        return np.asarray(0.5 * sum(_means(time + side * averaging.apart_s, visit, step) for side in (-0.5, 0.5)))
+    curve, width = unit_curve(step), averaging.integration_s
+    upto = [np.interp(curve.half_rise + time + half, UNIT_TIME, curve.integral) for half in (-0.5 * width, 0.5 * width)]
+    return np.asarray((upto[1] - upto[0]) / (width * curve.height))
+
 
 BoolArray = npt.NDArray[np.bool_]
 
@@ -53,9 +192,6 @@ SHAPE_ERROR = 0.01
 
 TOP_ERROR = 1.5
 """The highest sample was chosen for being high and the one after it may hold another burst: their errors times this."""
-
-SHAPE_SIGMA = 0.025
-"""Error of the time that more samples do not lessen, in half widths of the rise: no burst has quite this shape."""
 
 DISAGREE_SIGMAS = 3.0
 LINE_BIAS = 0.1
@@ -96,8 +232,7 @@ class Grid(NamedTuple):
     """It ends so many steps after it."""
 
 
-def _grid(frequency_mhz: float, cadence_s: float) -> Grid:
-    rise_s = rise_half_width_s(frequency_mhz)
+def _grid(rise_s: float, cadence_s: float) -> Grid:
     step = max(rise_s / STEPS_PER_RISE, cadence_s / STEPS_PER_CADENCE)
     before = max(RISES_BEFORE * rise_s, FEWEST * cadence_s)
     after = max(RISES_AFTER * rise_s + cadence_s, CADENCES_AFTER * cadence_s)
@@ -112,13 +247,11 @@ class Averaged(NamedTuple):
     curves: Shapes
 
 
-def _averaged(grid: Grid, frequency_mhz: float, integration_s: float, apart_s: FloatArray) -> list[Averaged]:
+def _averaged(grid: Grid, widths_s: tuple[float, float], integration_s: float, apart_s: FloatArray) -> list[Averaged]:
     first = -grid.before - grid.reach
     points = fft.next_fast_len(grid.after + grid.reach + 2 - first, real=True)
     return [
-        Averaged(
-            apart_s == one, shapes(frequency_mhz, grid.step_s, first, points, Averaging(integration_s, float(one)))
-        )
+        Averaged(apart_s == one, shapes(widths_s, grid.step_s, first, points, Averaging(integration_s, float(one))))
         for one in np.unique(apart_s)
     ]
 
@@ -170,8 +303,7 @@ def _fitted(time: FloatArray, power: FloatArray, error: FloatArray, grid: Grid, 
     """Mean and standard deviation of the posterior; time from the first guess.
 
     The background has a flat prior, the amplitude one over itself: a flat one would prefer that a single sample has
-    caught the foot of a burst without bound. Where even the best curve misses by more than the errors of the samples,
-    these are widened to what it misses by.
+    caught the foot of a burst without bound.
     """
     weight = 1.0 / error**2
     relative = power - np.average(power, weights=weight)
@@ -183,7 +315,6 @@ def _fitted(time: FloatArray, power: FloatArray, error: FloatArray, grid: Grid, 
     free, misfit = time.size - 2, float((weight * relative**2).sum() - explained.max())
     if chdtrc(free, misfit) < MISFIT_PROBABILITY:
         return no_edge(FIT_FAILED)
-    explained /= max(1.0, misfit / free)
     with np.errstate(divide="ignore", invalid="ignore"):
         log = 0.5 * explained + np.where(product > 0, 0.5 * np.log(spread) - np.log(product), -np.inf)
     log += kinds[0].curves.log_prior[:, None]
@@ -200,7 +331,9 @@ class Channel(NamedTuple):
     time_s: FloatArray
     power: FloatArray
     cadence_s: float
-    frequency_mhz: float
+    rise_s: float
+    """Half width of the rise at its frequency."""
+    decay_s: float
     integration_s: float
     apart_s: FloatArray
     """Between the two visits that a sample is the mean of, 0 where there was one; shape (N,)."""
@@ -212,7 +345,7 @@ def _scatter(channel: Channel) -> float:
     """Scatter of samples about the mean of their neighbours while the burst is high, if there are enough of them."""
     middle = channel.power[1:-1]
     high = middle > LEVEL * channel.power.max(initial=0.0)
-    if channel.cadence_s * SAMPLES_ON_RISE > rise_half_width_s(channel.frequency_mhz) or high.sum() < HIGH_SAMPLES:
+    if channel.cadence_s * SAMPLES_ON_RISE > channel.rise_s or high.sum() < HIGH_SAMPLES:
         return FLUX_SCATTER
     relative = (middle - 0.5 * (channel.power[2:] + channel.power[:-2]))[high] / middle[high]
     scatter = 1.4826 * float(np.median(np.abs(relative))) / math.sqrt(1.5)
@@ -222,7 +355,7 @@ def _scatter(channel: Channel) -> float:
 def _channel_edge(channel: Channel) -> Edge:
     if channel.time_s.size < FEWEST:
         return no_edge(NO_SAMPLES)
-    rise = rise_half_width_s(channel.frequency_mhz)
+    rise = channel.rise_s
     peak = first_maximum(channel.power, rise / channel.cadence_s, channel.scatter)
     straight = half_maximum_edge(channel.time_s, channel.power, channel.cadence_s, float(channel.time_s[peak]))
     if straight.flag:
@@ -234,13 +367,12 @@ def _channel_edge(channel: Channel) -> Edge:
     edge = _half_rise(channel, peak, straight.arrival_s)
     if edge.flag:
         return edge
-    edge = edge._replace(sigma_s=math.hypot(edge.sigma_s, SHAPE_SIGMA * rise))
     return no_edge(EDGES_DISAGREE) if _disagree(edge, straight, channel, peak) else edge
 
 
 def _disagree(edge: Edge, straight: Edge, channel: Channel, peak: int) -> bool:
     height = channel.power[: peak + 1] / channel.power[peak]
-    flank_s = FLANK_WIDTHS * rise_half_width_s(channel.frequency_mhz)
+    flank_s = FLANK_WIDTHS * channel.rise_s
     late = flank_s * math.hypot(quiet_noise(height, 1.0), channel.scatter)
     joint = math.hypot(edge.sigma_s, straight.sigma_s, LINE_BIAS * channel.cadence_s, late)
     return abs(edge.arrival_s - straight.arrival_s) > DISAGREE_SIGMAS * joint
@@ -254,17 +386,17 @@ def _saturated(channel: Channel, peak: int, rise_s: float) -> bool:
 
 def _half_rise(channel: Channel, peak: int, guess_s: float) -> Edge:
     """Fit of the background, the rise, and one sample after the maximum."""
-    shared_mhz = shared_frequency_mhz(channel.frequency_mhz)
-    grid = _grid(shared_mhz, channel.cadence_s)
+    widths_s = _rounded(channel.rise_s), _rounded(channel.decay_s)
+    grid = _grid(widths_s[0], channel.cadence_s)
     time, height = channel.time_s[: peak + 2] - guess_s, channel.power[: peak + 2] / channel.power[peak]
     error = _sample_error(height, channel.scatter, peak)
     inside = (time >= -grid.before * grid.step_s) & (time <= grid.after * grid.step_s)
     if inside.sum() < FEWEST:
         return no_edge(NO_SAMPLES)
-    flank = time[1:] >= -FLANK_RISES * rise_half_width_s(channel.frequency_mhz)
+    flank = time[1:] >= -FLANK_RISES * channel.rise_s
     if np.diff(time)[flank].max() > GAP_CADENCES * channel.cadence_s:
         return no_edge(GAP)
-    kinds = _averaged(grid, shared_mhz, channel.integration_s, channel.apart_s[: peak + 2][inside])
+    kinds = _averaged(grid, widths_s, channel.integration_s, channel.apart_s[: peak + 2][inside])
     edge = _fitted(time[inside], height[inside], error[inside], grid, kinds)
     return edge._replace(arrival_s=guess_s + edge.arrival_s)
 
@@ -284,6 +416,7 @@ def flank_edges(
     cadence_s: float,
     frequency_mhz: FloatArray,
     averaging: FloatArray | float | SampleAveraging,
+    rises: RiseOfBurst = RiseOfBurst(),  # noqa: B008 - frozen
 ) -> list[Edge]:
     """Half-rise time of every channel.
 
@@ -299,6 +432,8 @@ def flank_edges(
         MHz.
     averaging : float, numpy.ndarray of shape (C,), or SampleAveraging
         Time that one sample averages over, s; or that and which samples are the mean of two visits.
+    rises : RiseOfBurst
+        Half width of the rise at each frequency; of a typical burst unless given.
 
     Returns
     -------
@@ -313,9 +448,12 @@ def flank_edges(
         np.broadcast_to(over.apart_s, power.shape),
     )
     channels = []
-    for index, frequency in enumerate(frequency_mhz):
+    rise, decay = rises.rise_s(frequency_mhz), decay_s(frequency_mhz)
+    for index in range(frequency_mhz.size):
         known = np.isfinite(power[:, index])
         time = times[known, index]
         light_curve = (time, power[known, index], spacing_s(time, cadence_s))
-        channels.append(Channel(*light_curve, float(frequency), float(means_s[index]), apart_s[known, index]))
+        channels.append(
+            Channel(*light_curve, float(rise[index]), float(decay[index]), float(means_s[index]), apart_s[known, index])
+        )
     return [_channel_edge(channel._replace(scatter=_scatter(channel))) for channel in channels]

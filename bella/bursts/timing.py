@@ -1,12 +1,17 @@
-"""From the spectra of one burst to its arrival times: edges of all channels, t(f) of each spacecraft, common table.
+"""From the spectra of one burst to its arrival times with one noise model: channels, and common frequencies.
 
 Every channel is looked at in a window of its own around the onset that the search has found there, so that other bursts
-of the day have no say. A curve t(f) through the edges gives times at frequencies that all spacecraft share.
+of the day have no say. Four definitions of the edge:
+
+``shared_profile``: from the profile that all spacecraft share (:mod:`bella.bursts.shared_profile`); where there are
+fewer than three spacecraft, or it does not converge, ``half_rise`` takes its place. ``half_rise``: from the rising flank
+of each channel alone (:mod:`bella.bursts.flank`). ``half_maximum``: by a straight line between two samples.
+``gauss_hermite``: the edge of Canizares et al. 2024 (both :mod:`bella.bursts.edges`).
 """
 
 import math
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 import pandas as pd
@@ -15,19 +20,26 @@ import xarray as xr
 from bella.arrivals import check_arrivals
 from bella.bursts.association import FEWEST_SPACECRAFT
 from bella.bursts.detection import Candidate, Searched, candidate_at, onset_records
-from bella.bursts.edges import EDGE_OF_METHOD, spectrum_edges
-from bella.bursts.matched_filter import BEAM_SPEEDS_C
-from bella.bursts.search_grid import FREQUENCY_MHZ, STEP_S
-from bella.bursts.time_evolution import TimeEvolution, best_time_evolution, common_offset_s
-from bella.bursts.widths import decay_s, rise_half_width_s
+from bella.bursts.edges import Edge, gauss_hermite_edge, half_maximum_edge, spacing_s
+from bella.bursts.flank import SampleAveraging, flank_edges
+from bella.bursts.light_curves import LightCurves, RiseOfBurst, decay_s, own_rise
+from bella.bursts.matched_filter import BEAM_SPEEDS_C, FREQUENCY_MHZ, STEP_S
+from bella.bursts.noise import OFFSET_S, Timed, at_frequencies, estimate_noise, noise_columns, outliers, spread_channels
+from bella.bursts.shared_profile import Collapsed, fit_profile
 from bella.exceptions import InputError, NoDataError
+from bella.heliosphere.scattering import rise_s
+from bella.spectra import integration_times_s, power_above_background, sample_times
 from bella.spectra.assembly import cadence_s
 from bella.units import FloatArray
 
-BEFORE_S, BEFORE_RISES = 240.0, 6.0
+SHARED, HALF_RISE = "shared_profile", "half_rise"
+EDGES = (SHARED, HALF_RISE, "half_maximum", "gauss_hermite")
+"""Definitions of the edge, as the arrival table names them; the first is the default."""
+
+BEFORE_S, BEFORE_RISES = 300.0, 5.0
 """A window begins so long, and so many half widths of the rise, before the onset of its channel."""
 
-AFTER_S, AFTER_DECAYS, AFTER_RISES = 240.0, 2.0, 4.0
+AFTER_S, AFTER_DECAYS, AFTER_RISES = 240.0, 2.0, 3.0
 AROUND_S = 900.0
 """How far from the time given a burst may begin."""
 
@@ -35,12 +47,21 @@ LOWEST_MHZ, HIGHEST_MHZ = 0.15, 2.0
 """Band in which sources are placed, as in Canizares et al. 2024, A&A 684, A182, doi:10.1051/0004-6361/202347747."""
 
 FREQUENCIES = 40
+MOST_ROWS = 120
+"""Of a table of channels: 40 of each of three spacecraft."""
+
 FEWEST_EDGES = 8
 NARROWEST = 1.5
 """Frequencies that spacecraft share have to span this ratio for a track."""
 
 BAND_MARGIN = 1.15
 """Channels so far beyond those that the search saw are looked at too, and all up to `HIGHEST_MHZ`."""
+
+OUTLIER = "outlier"
+DRIFT_STEPS = 8
+"""Frequencies at which the arrival times of a spacecraft have to follow one another."""
+
+Window = tuple[np.datetime64, np.datetime64]
 
 
 @dataclass(frozen=True)
@@ -50,21 +71,32 @@ class TimedBurst:
     Attributes
     ----------
     edges : DataFrame
-        One row per channel: observatory, frequency_mhz, arrival_utc, sigma_s, edge, flag.
-    evolutions : dict of str to TimeEvolution
-        t(f) of each spacecraft with enough edges, seconds after `reference_utc`.
+        One row per channel: observatory, frequency_mhz, arrival_utc (NaT without an edge), sigma_s, edge, flag,
+        shape_sd_s, offset_sd_s, rise_s.
+    edge : str
+        Definition of the edge, which may not be the one that was asked for.
+    noise : Timed
+        The channels with an edge, seconds after `reference_utc`, and their noise.
     reference_utc : numpy.datetime64
-    offsets_s : dict of str to float
-        Standard deviation of the timing offset that the channels of a spacecraft share, s.
-    bands_mhz : dict of str to (float, float)
-        Lowest and highest frequency with an edge.
+    collapsed : tuple of Collapsed
+        Light curves on the time axis of the shared profile; empty for other edges.
     """
 
     edges: pd.DataFrame
-    evolutions: dict[str, TimeEvolution]
+    edge: str
+    noise: Timed
     reference_utc: np.datetime64
-    offsets_s: dict[str, float]
-    bands_mhz: dict[str, tuple[float, float]]
+    collapsed: tuple[Collapsed, ...] = ()
+
+    @property
+    def bands_mhz(self) -> dict[str, tuple[float, float]]:
+        """Lowest and highest frequency with an edge, of the spacecraft with enough edges."""
+        bands = {}
+        for name in dict.fromkeys(self.noise.observatory):
+            frequency = self.noise.frequency_mhz[self.noise.observatory == name]
+            if frequency.size >= FEWEST_EDGES:
+                bands[str(name)] = (float(frequency.min()), float(frequency.max()))
+        return bands
 
 
 def candidate_near(searched: Searched, around_utc: np.datetime64) -> Candidate:
@@ -96,107 +128,258 @@ def candidate_near(searched: Searched, around_utc: np.datetime64) -> Candidate:
     return candidate_at(match, max(0, first) + int(near.argmax()))
 
 
-def burst_edges(searched: Searched, one: Candidate, method: str = "flank") -> pd.DataFrame:
-    """Edges of a burst in the channels of one spacecraft.
+def burst_spectrum(searched: Searched, one: Candidate) -> xr.Dataset:
+    """The spectrum of a burst at one spacecraft, without what does not belong to it.
 
     Parameters
     ----------
     searched : Searched
     one : Candidate
         The burst.
-    method : str
-        As of :func:`bella.bursts.edges.spectrum_edges`.
 
     Returns
     -------
-    pandas.DataFrame
-        As :func:`bella.bursts.edges.spectrum_edges` returns it, for the channels in the band of the burst.
+    xarray.Dataset
+        Channels in the band of the burst; samples outside the window of their channel are NaN.
 
     Raises
     ------
     NoDataError
-        If the spectrum has no channel in that band.
+        If the spectrum has no channel in that band, or no record in the window.
     """
     low, high = FREQUENCY_MHZ[np.flatnonzero(one.hit)[[0, -1]]]
     part = searched.over.sel(frequency=slice(low / BAND_MARGIN, max(high, HIGHEST_MHZ) * BAND_MARGIN))
     if part.sizes["frequency"] == 0:
         raise NoDataError(f"{searched.observatory} has no channel from {low:.3g} to {high:.3g} MHz")
-    onset_s = _onsets_s(searched, one, part["frequency"].to_numpy())
-    return spectrum_edges(_windowed(part, onset_s), method)
-
-
-def _onsets_s(searched: Searched, one: Candidate, frequency_mhz: FloatArray) -> tuple[np.datetime64, FloatArray]:
-    """Onset in every channel: a time, and seconds after it."""
-    seconds = np.interp(np.log(frequency_mhz), np.log(FREQUENCY_MHZ), onset_records(one) * STEP_S)
-    return searched.grid.start, seconds
-
-
-def _windowed(part: xr.Dataset, onset: tuple[np.datetime64, FloatArray]) -> xr.Dataset:
-    """Records from the first window to the last, samples outside that of their channel taken away."""
-    start, onset_s = onset
-    rise = np.array([rise_half_width_s(float(one)) for one in part["frequency"]])
-    decay = np.array([decay_s(float(one)) for one in part["frequency"]])
-    begin_s = onset_s - BEFORE_S - BEFORE_RISES * rise
-    end_s = onset_s + AFTER_S + AFTER_DECAYS * decay + AFTER_RISES * rise
+    frequency, start = part["frequency"].to_numpy(), searched.grid.start
+    onset_s = np.interp(np.log(frequency), np.log(FREQUENCY_MHZ), onset_records(one) * STEP_S)
+    begin_s = onset_s - BEFORE_S - BEFORE_RISES * rise_s(frequency)
+    end_s = onset_s + AFTER_S + AFTER_DECAYS * decay_s(frequency) + AFTER_RISES * rise_s(frequency)
     record_s = (part["time"].to_numpy() - start) / np.timedelta64(1, "s")
-    kept = part.isel(time=np.flatnonzero((record_s >= begin_s.min()) & (record_s <= end_s.max())))
+    near = (record_s >= begin_s.min()) & (record_s <= end_s.max())
+    kept, record_s = part.isel(time=np.flatnonzero(near)), record_s[near]
     if kept.sizes["time"] == 0:
         raise NoDataError(f"{part.attrs['observatory']} has no record around {start}: name the file of that day")
-    record_s = (kept["time"].to_numpy() - start) / np.timedelta64(1, "s")
     inside = (record_s[:, None] >= begin_s) & (record_s[:, None] <= end_s)
     return kept.assign(intensity=kept["intensity"].where(xr.DataArray(inside, dims=("time", "frequency"))))
 
 
-def timed_burst(edges: pd.DataFrame, spectra: Mapping[str, xr.Dataset]) -> TimedBurst:
-    """Fit t(f) of every spacecraft through its edges.
+def spectrum_edges(spectrum: xr.Dataset, edge: str = HALF_RISE, window_utc: Window | None = None) -> pd.DataFrame:
+    """Edge of every channel of a dynamic spectrum, each light curve on its own.
 
     Parameters
     ----------
-    edges : pandas.DataFrame
-        Edges of all spacecraft.
-    spectra : mapping of str to xarray.Dataset
-        What they were read from, for the cadence of each.
+    spectrum : xarray.Dataset
+        Dynamic spectrum that holds one burst, background taken away or in decibels over it.
+    edge : {"half_rise", "half_maximum", "gauss_hermite"}
+    window_utc : tuple of numpy.datetime64, optional
+        First and last record to look at, where the spectrum holds more than the burst.
+
+    Returns
+    -------
+    pandas.DataFrame
+        One row per channel, ascending in frequency: observatory, frequency_mhz, arrival_utc (NaT without an edge),
+        sigma_s, edge, flag. Channels marked as interpolated are left out.
+
+    Raises
+    ------
+    InputError
+        If the edge is not known, or there is no record in the window.
+    """
+    if edge not in EDGES[1:]:
+        raise InputError(f"{edge!r} is not an edge of one light curve: choose one of {', '.join(EDGES[1:])}")
+    measured = _measured(spectrum, window_utc)
+    start = measured["time"].to_numpy()[0].astype("datetime64[ns]")
+    light = light_curves(measured, start)
+    found = _light_curve_edges(light, edge, own_rise([light]))
+    frame = _edge_frame(light, found, edge, start)
+    return frame.assign(sigma_s=np.hypot(frame["sigma_s"], _sample_time_sd_s(measured)))
+
+
+def light_curves(spectrum: xr.Dataset, start: np.datetime64) -> LightCurves:
+    """Light curves of a dynamic spectrum, in power.
+
+    Parameters
+    ----------
+    spectrum : xarray.Dataset
+        Background taken away or in decibels over it.
+    start : numpy.datetime64
+        Zero of their times.
+
+    Returns
+    -------
+    LightCurves
+    """
+    time_s = (sample_times(spectrum).to_numpy() - start) / np.timedelta64(1, "s")
+    apart = spectrum["visits_apart_s"].to_numpy() if "visits_apart_s" in spectrum else np.zeros(time_s.shape)
+    return LightCurves(
+        observatory=str(spectrum.attrs["observatory"]),
+        frequency_mhz=spectrum["frequency"].to_numpy().astype(np.float64),
+        time_s=time_s,
+        power=power_above_background(spectrum).to_numpy(),
+        background=0.0 if spectrum.attrs["quantity"] == "relative_flux" else 1.0,
+        cadence_s=cadence_s(spectrum["time"].to_numpy()) if spectrum.sizes["time"] > 1 else 1.0,
+        integration_s=integration_times_s(spectrum),
+        apart_s=np.broadcast_to(np.nan_to_num(apart.astype(np.float64)), time_s.shape),
+    )
+
+
+def _measured(spectrum: xr.Dataset, window_utc: Window | None) -> xr.Dataset:
+    """Records in the window, of channels that were measured."""
+    measured = spectrum if window_utc is None else spectrum.sel(time=slice(*window_utc))
+    if measured.sizes["time"] == 0:
+        raise InputError(f"no record between {window_utc}: choose a window inside the spectrum")
+    if "interpolated" in measured:
+        return measured.isel(frequency=np.flatnonzero(measured["interpolated"].to_numpy() == 0))
+    return measured
+
+
+def _sample_time_sd_s(spectrum: xr.Dataset) -> FloatArray:
+    """How well the times of the samples of each channel are known, shape (channels,); 0 where nothing is said."""
+    if "sample_time_sd_s" not in spectrum:
+        return np.zeros(spectrum.sizes["frequency"])
+    return np.nan_to_num(spectrum["sample_time_sd_s"].to_numpy().astype(np.float64))
+
+
+def _light_curve_edges(light: LightCurves, edge: str, rises: RiseOfBurst) -> list[Edge]:
+    if edge == HALF_RISE:
+        averaging = SampleAveraging(light.integration_s, light.apart_s)
+        return flank_edges(light.time_s, light.power, light.cadence_s, light.frequency_mhz, averaging, rises)
+    curves = zip(light.time_s.T, light.power.T, strict=True)
+    if edge == "half_maximum":
+        return [
+            half_maximum_edge(times, column, spacing_s(times[np.isfinite(column)], light.cadence_s))
+            for times, column in curves
+        ]
+    return [gauss_hermite_edge(times, column) for times, column in curves]
+
+
+def _edge_frame(light: LightCurves, found: Sequence[Edge], edge: str, start: np.datetime64) -> pd.DataFrame:
+    arrival_s = np.array([one.arrival_s for one in found], dtype=np.float64)
+    return pd.DataFrame(
+        {
+            "observatory": light.observatory,
+            "frequency_mhz": light.frequency_mhz,
+            "arrival_utc": start + pd.to_timedelta(np.rint(arrival_s * 1e9), unit="ns").to_numpy(),
+            "sigma_s": np.array([one.sigma_s for one in found], dtype=np.float64),
+            "edge": edge,
+            "flag": [one.flag for one in found],
+        }
+    )
+
+
+def time_burst(parts: Sequence[xr.Dataset], edge: str = SHARED) -> TimedBurst:
+    """Arrival times of a burst at all its spacecraft, and their noise.
+
+    Parameters
+    ----------
+    parts : sequence of xarray.Dataset
+        As of :func:`burst_spectrum`, one for each spacecraft.
+    edge : str
+        One of `EDGES`.
 
     Returns
     -------
     TimedBurst
-        A spacecraft with fewer good edges than `FEWEST_EDGES` has no evolution.
+        With edge "half_rise" where no profile is shared.
 
     Raises
     ------
+    InputError
+        If the edge is not known.
     NoDataError
         If no channel has an edge.
     """
-    good = edges[(edges["flag"] == "") & edges["arrival_utc"].notna()]
-    if good.empty:
+    if edge not in EDGES:
+        raise InputError(f"{edge!r} is not a definition of the edge: choose one of {', '.join(EDGES)}")
+    measured = [_measured(part, None) for part in parts]
+    measured = [part for part in measured if part.sizes["frequency"]]
+    if not measured:
+        raise NoDataError("no spacecraft has a channel in the band of the burst: give other files")
+    reference = min(part["time"].to_numpy()[0] for part in measured).astype("datetime64[s]").astype("datetime64[ns]")
+    lights = [light_curves(part, reference) for part in measured]
+    timed, flags, collapsed = None, np.empty(0, dtype=object), ()
+    if edge == SHARED:
+        try:
+            fit = fit_profile(lights)
+        except NoDataError:
+            edge = HALF_RISE
+        else:
+            timed = Timed(
+                *(fit.observatory, fit.frequency_mhz, fit.arrival_s, fit.rise_s, fit.independent_sd_s, fit.shared_s),
+                np.zeros(fit.arrival_s.size),
+            )
+            flags, collapsed = fit.flag, fit.collapsed
+    if timed is None:
+        timed, flags = _alone(lights, edge)
+    timed = replace(
+        timed,
+        channel_sd_s=np.hypot(timed.channel_sd_s, np.concatenate([_own_time_sd_s(part) for part in measured])),
+        offset_s=np.concatenate([np.full(part.sizes["frequency"], _offset_s(part)) for part in measured]),
+    )
+    return _with_noise(timed, flags, edge, reference, collapsed)
+
+
+def _alone(lights: Sequence[LightCurves], edge: str) -> tuple[Timed, np.ndarray]:
+    """Edges of each light curve on its own."""
+    rises = own_rise(lights)
+    found = [one for light in lights for one in _light_curve_edges(light, edge, rises)]
+    frequency = np.concatenate([light.frequency_mhz for light in lights])
+    names = np.concatenate([np.full(light.frequency_mhz.size, light.observatory, dtype=object) for light in lights])
+    timed = Timed(
+        observatory=names,
+        frequency_mhz=frequency,
+        arrival_s=np.array([one.arrival_s for one in found], dtype=np.float64),
+        rise_s=rises.rise_s(frequency),
+        channel_sd_s=np.array([one.sigma_s for one in found], dtype=np.float64),
+        shared_s=np.zeros((frequency.size, 0)),
+        offset_s=np.zeros(frequency.size),
+    )
+    return timed, np.array([one.flag for one in found], dtype=object)
+
+
+def _with_noise(
+    timed: Timed, flags: np.ndarray, edge: str, reference: np.datetime64, collapsed: tuple[Collapsed, ...]
+) -> TimedBurst:
+    good = np.flatnonzero((flags == "") & np.isfinite(timed.arrival_s))
+    if not good.size:
         raise NoDataError("no channel of any spacecraft has an edge: try another time, or see the flags")
-    reference = np.datetime64(good["arrival_utc"].min(), "ns")
-    evolutions, offsets, bands = {}, {}, {}
-    for name, rows in good.groupby("observatory", sort=False):
-        frequency_mhz = rows["frequency_mhz"].to_numpy(dtype=np.float64)
-        bands[str(name)] = (float(frequency_mhz.min()), float(frequency_mhz.max()))
-        offsets[str(name)] = _offset_s(spectra[str(name)], min(bands[str(name)][1], HIGHEST_MHZ))
-        if len(rows) >= FEWEST_EDGES:
-            arrival_s = (rows["arrival_utc"].to_numpy() - reference) / np.timedelta64(1, "s")
-            evolutions[str(name)] = best_time_evolution(frequency_mhz, arrival_s, rows["sigma_s"].to_numpy())
-    return TimedBurst(edges, evolutions, reference, offsets, bands)
+    wrong = outliers(timed.take(good))
+    flags = flags.copy()
+    flags[good[wrong]] = OUTLIER
+    kept = estimate_noise(timed.take(good[~wrong]))
+    arrival_s = np.full(flags.size, np.nan)
+    arrival_s[good[~wrong]] = kept.arrival_s
+    columns = {name: np.full(flags.size, np.nan) for name in ("sigma_s", "shape_sd_s", "offset_sd_s", "rise_s")}
+    for name, values in noise_columns(kept).items():
+        columns[name][good[~wrong]] = values
+    edges = pd.DataFrame(
+        {
+            "observatory": timed.observatory,
+            "frequency_mhz": timed.frequency_mhz,
+            "arrival_utc": reference + pd.to_timedelta(np.rint(arrival_s * 1e9), unit="ns").to_numpy(),
+            "sigma_s": columns["sigma_s"],
+            "edge": edge,
+            "flag": flags,
+            **{name: columns[name] for name in ("shape_sd_s", "offset_sd_s", "rise_s")},
+        }
+    )
+    return TimedBurst(edges, edge, kept, reference, collapsed)
 
 
-def _offset_s(spectrum: xr.Dataset, highest_mhz: float) -> float:
-    cadence = cadence_s(spectrum["time"].to_numpy())
-    shared = float(common_offset_s(np.array([highest_mhz]), cadence, float(spectrum.attrs["integration_s"]))[0])
-    return math.hypot(shared, float(spectrum.attrs.get("time_uncertainty_s", 0.0)), _records_sd_s(spectrum))
+def _own_time_sd_s(spectrum: xr.Dataset) -> FloatArray:
+    """How much worse the sample times of each channel are known than those of most channels, s."""
+    sd = _sample_time_sd_s(spectrum)
+    return np.sqrt(np.maximum(sd**2 - np.median(sd) ** 2, 0.0))
 
 
-def _records_sd_s(spectrum: xr.Dataset) -> float:
-    """How well the times of records are known that most channels share; s."""
-    if "sample_time_sd_s" not in spectrum:
-        return 0.0
-    return float(np.nan_to_num(np.nanmedian(spectrum["sample_time_sd_s"].to_numpy())))
+def _offset_s(spectrum: xr.Dataset) -> float:
+    clock = float(spectrum.attrs.get("time_uncertainty_s", 0.0))
+    return math.hypot(OFFSET_S, clock, float(np.median(_sample_time_sd_s(spectrum))))
 
 
 def shared_frequencies_mhz(timed: TimedBurst, number: int = FREQUENCIES) -> FloatArray:
-    """Frequencies at which at least three spacecraft, or all there are, have a t(f).
+    """Frequencies at which at least three spacecraft, or all there are, have arrival times.
 
     Parameters
     ----------
@@ -208,7 +391,7 @@ def shared_frequencies_mhz(timed: TimedBurst, number: int = FREQUENCIES) -> Floa
     numpy.ndarray, shape (number,)
         MHz, evenly spaced in ln f between `LOWEST_MHZ` and `HIGHEST_MHZ`; empty where they share too narrow a band.
     """
-    bands = [timed.bands_mhz[name] for name in timed.evolutions]
+    bands = list(timed.bands_mhz.values())
     needed = min(FEWEST_SPACECRAFT, len(bands))
     if not needed:
         return np.empty(0)
@@ -217,65 +400,90 @@ def shared_frequencies_mhz(timed: TimedBurst, number: int = FREQUENCIES) -> Floa
     return np.geomspace(low, high, number) if high >= NARROWEST * low else np.empty(0)
 
 
-def arrival_table(timed: TimedBurst, frequency_mhz: FloatArray, method: str = "flank") -> pd.DataFrame:
-    """Arrival table from t(f) of each spacecraft.
+def arrivals_at(timed: TimedBurst, frequency_mhz: FloatArray) -> Timed:
+    """Arrival times at common frequencies, of the spacecraft with enough edges.
 
     Parameters
     ----------
     timed : TimedBurst
     frequency_mhz : numpy.ndarray, shape (F,)
         A spacecraft has rows for those within its own band.
-    method : str
-        How the edges were found.
 
     Returns
     -------
-    pandas.DataFrame
-        As :func:`bella.arrivals.check_arrivals` returns it; ``sigma_s`` is that of the curve, ``offset_sd_s`` what all
-        channels of the spacecraft share.
+    Timed
 
     Raises
     ------
     InputError
-        If there is no frequency, or no curve.
+        If there is no frequency, or no spacecraft with enough edges.
     """
-    parts = []
-    for name, curve in timed.evolutions.items():
-        low, high = timed.bands_mhz[name]
-        asked = frequency_mhz[(frequency_mhz >= low * (1 - 1e-9)) & (frequency_mhz <= high * (1 + 1e-9))]
-        delay = np.rint(curve.arrival_s(asked) * 1e9).astype("timedelta64[ns]")
-        columns = {
-            "observatory": name,
-            "frequency_mhz": asked,
-            "arrival_utc": timed.reference_utc + delay,
-            "sigma_s": np.sqrt(np.diag(curve.covariance_s2(asked))),
-            "edge": EDGE_OF_METHOD[method],
-            "offset_sd_s": timed.offsets_s[name],
-        }
-        parts.append(pd.DataFrame(columns))
-    if not parts or not sum(len(part) for part in parts):
+    enough = np.isin(timed.noise.observatory.astype(str), list(timed.bands_mhz))
+    if not enough.any() or not np.size(frequency_mhz):
         raise InputError("no spacecraft has enough edges in common frequencies for a table: widen the band or the time")
-    return check_arrivals(pd.concat(parts, ignore_index=True))
+    return at_frequencies(timed.noise.take(np.flatnonzero(enough)), np.asarray(frequency_mhz, dtype=np.float64))
 
 
-def arrival_covariance(timed: TimedBurst, frequency_mhz: FloatArray) -> xr.Dataset:
-    """Covariance of the arrival times of each spacecraft that come from one curve, with what its channels share.
+def channels_in_band(timed: TimedBurst, most: int = MOST_ROWS) -> Timed:
+    """Channels in the band in which sources are placed, evenly spread in ln f.
 
     Parameters
     ----------
     timed : TimedBurst
-    frequency_mhz : numpy.ndarray, shape (F,)
+    most : int
+        Rows there may be; each spacecraft keeps an equal share of them.
 
     Returns
     -------
-    xarray.Dataset
-        ``covariance_s2(observatory, frequency, frequency_other)``, s^2.
+    Timed
+
+    Raises
+    ------
+    InputError
+        If no channel is there.
     """
-    names = list(timed.evolutions)
-    stacked = [timed.evolutions[name].covariance_s2(frequency_mhz) + timed.offsets_s[name] ** 2 for name in names]
-    dims = ("observatory", "frequency", "frequency_other")
-    coords = {"observatory": names, "frequency": frequency_mhz, "frequency_other": frequency_mhz}
-    return xr.Dataset({"covariance_s2": (dims, np.array(stacked), {"units": "s2"})}, coords=coords)
+    enough = np.isin(timed.noise.observatory.astype(str), list(timed.bands_mhz))
+    inside = enough & (timed.noise.frequency_mhz >= LOWEST_MHZ) & (timed.noise.frequency_mhz <= HIGHEST_MHZ)
+    if not inside.any():
+        raise InputError("no spacecraft has enough edges for a table of channels: widen the band or the time")
+    band = timed.noise.take(np.flatnonzero(inside))
+    return band.take(spread_channels(band, most // len(set(band.observatory))))
+
+
+def arrival_frame(timed: TimedBurst, rows: Timed) -> pd.DataFrame:
+    """Arrival table of arrival times.
+
+    Parameters
+    ----------
+    timed : TimedBurst
+    rows : Timed
+        Of it, as :func:`arrivals_at` or :func:`channels_in_band` return them.
+
+    Returns
+    -------
+    pandas.DataFrame
+        As :func:`bella.arrivals.check_arrivals` returns it; its covariance is ``rows.covariance_s2()``.
+    """
+    frame = pd.DataFrame(
+        {
+            "observatory": rows.observatory,
+            "frequency_mhz": rows.frequency_mhz,
+            "arrival_utc": timed.reference_utc + np.rint(rows.arrival_s * 1e9).astype("timedelta64[ns]"),
+            "edge": timed.edge,
+            **noise_columns(rows),
+        }
+    )
+    return check_arrivals(frame, source="edges of the channels", heard_by=1)
+
+
+def arrival_table(timed: TimedBurst, frequency_mhz: FloatArray) -> pd.DataFrame:
+    """Arrival table at common frequencies: :func:`arrival_frame` of :func:`arrivals_at`."""
+    return arrival_frame(timed, arrivals_at(timed, frequency_mhz))
+
+
+def channel_arrivals(timed: TimedBurst, most: int = MOST_ROWS) -> pd.DataFrame:
+    """Arrival table of the channels themselves: :func:`arrival_frame` of :func:`channels_in_band`."""
+    return arrival_frame(timed, channels_in_band(timed, most))
 
 
 def why_not_timed(timed: TimedBurst, needed: Sequence[str]) -> str:
@@ -291,13 +499,15 @@ def why_not_timed(timed: TimedBurst, needed: Sequence[str]) -> str:
     -------
     str
     """
-    if len(timed.evolutions) < FEWEST_SPACECRAFT:
-        without = [name for name in needed if name not in timed.evolutions]
+    bands = timed.bands_mhz
+    if len(bands) < FEWEST_SPACECRAFT:
+        without = [name for name in needed if name not in bands]
         return f"not localisable: fewer than {FEWEST_EDGES} good edges at {', '.join(without)}"
-    frequency_mhz = shared_frequencies_mhz(timed)
+    frequency_mhz = shared_frequencies_mhz(timed, DRIFT_STEPS)
     if not frequency_mhz.size:
         return f"not localisable: edges share no band from {LOWEST_MHZ:g} to {HIGHEST_MHZ:g} MHz"
-    for name, curve in timed.evolutions.items():
-        if not (np.diff(curve.arrival_s(frequency_mhz)) < 0).all():
+    along = arrivals_at(timed, frequency_mhz)
+    for name in bands:
+        if not (np.diff(along.arrival_s[along.observatory == name]) < 0).all():
             return f"not localisable: edges at {name} do not drift downwards"
     return ""

@@ -16,6 +16,7 @@ from bella.plotting.spectra import spectra_figure
 if TYPE_CHECKING:
     from bella.plotting.aligned import write_aligned_png
     from bella.plotting.calibration import write_calibration_png
+    from bella.plotting.collapsed import write_collapsed_png
     from bella.plotting.coverage import write_coverage_png
     from bella.plotting.day import write_spectrum_png
     from bella.plotting.fleet import write_day_png
@@ -37,6 +38,7 @@ __all__ = [
     "speed_remark",
     "write_aligned_png",
     "write_calibration_png",
+    "write_collapsed_png",
     "write_constellation_png",
     "write_coverage_png",
     "write_day_png",
@@ -52,6 +54,7 @@ _DRAWN_IN = {
     "WindScene": "bella.plotting.wind",
     "write_aligned_png": "bella.plotting.aligned",
     "write_calibration_png": "bella.plotting.calibration",
+    "write_collapsed_png": "bella.plotting.collapsed",
     "write_constellation_png": "bella.plotting.printed",
     "write_coverage_png": "bella.plotting.coverage",
     "write_day_png": "bella.plotting.fleet",

@@ -43,6 +43,7 @@ EDGE_NAMES = {
     "gauss_hermite": "Gauss-Hermite edge",
     "half_maximum": "Half-maximum edge",
     "half_rise": "Half-rise edge",
+    "shared_profile": "Edge of the shared profile",
 }
 
 INK = "#22303c"
