@@ -12,6 +12,7 @@ from jinja2 import Environment, FileSystemLoader, StrictUndefined
 
 from api.wording import flag_meaning, reason_words
 from bella import __version__
+from bella.answer import interval_68, wind_gap
 from bella.plotting import edge_name, plotly_version
 
 TEMPLATES = Path(__file__).parent / "templates"
@@ -59,7 +60,8 @@ def _environment() -> Environment:
         utc=written_time,
         day=written_day,
         clock=written_clock,
-        pm=written_error,
+        interval=written_interval,
+        wind=written_wind,
         edge=edge_name,
         meaning=flag_meaning,
         why=reason_words,
@@ -83,12 +85,19 @@ def written_clock(moment: datetime) -> str:
     return f"{_in_utc(moment):%H:%M:%S}"
 
 
-def written_error(parameter: Mapping[str, Any] | None, digits: int = 1) -> str:
-    """Fitted parameter as mean ± sd; a dash where there is none."""
-    if not parameter or parameter.get("mean") is None:
+def written_interval(parameter: Mapping[str, Any] | None, digits: int = 1) -> str:
+    """Fitted parameter as its median with the 68 % interval; a dash where there is no number."""
+    known = interval_68(parameter)
+    if known is None:
         return "\N{EN DASH}"
-    mean = written_number(parameter["mean"], digits)
-    return f"{mean} ± {parameter['sd']:.{digits}f}" if parameter.get("sd") is not None else mean
+    middle, low, high = (None if one is None else written_number(one, digits) for one in known)
+    return f"{middle} ({low} to {high})" if low is not None and high is not None else f"{middle}"
+
+
+def written_wind(fit: Mapping[str, Any], unit: str = "") -> str:
+    """Speed of the wind of a fit as its median with the 68 % interval, or why there is none."""
+    speed = fit.get("v_sw_km_s")
+    return wind_gap(fit) or f"{written_interval(speed if isinstance(speed, Mapping) else None, 0)}{unit}"
 
 
 def written_number(value: float, digits: int = 0) -> str:
