@@ -3,7 +3,7 @@
 from collections.abc import Mapping
 from typing import Any
 
-from api.rendering import written_interval, written_wind
+from api.rendering import written_interval, written_speed
 
 Fit = Mapping[str, Any]
 PLAIN = "joint spiral"
@@ -30,7 +30,7 @@ def model_words(companions: Fit) -> str:
     named = [row for row in found["rows"] if row["probability"] >= WORTH_NAMING]
     each = "; ".join(
         f"{_words(row['name'])} {row['probability']:.0%}, {written_interval(row['phi0_deg'], 1)}°, "
-        f"{written_wind(row, ' km/s')}"
+        f"{written_speed(row, ' km/s')}"
         for row in named
     )
     return (

@@ -5,7 +5,7 @@ from collections.abc import Mapping, Sequence
 from itertools import combinations
 from typing import Any
 
-from api.rendering import written_interval, written_wind
+from api.rendering import written_interval, written_speed
 from api.wording import flag_meaning
 from bella.units import within_half_turn_deg
 
@@ -66,7 +66,7 @@ def edge_remark(tracks: Mapping[str, Fit]) -> str:
     if len(known) < 2:
         return ""
     each = ", ".join(
-        f"{edge} {written_interval(joint['phi0_deg'])}° and {written_wind(joint, ' km/s')}"
+        f"{edge} {written_interval(joint['phi0_deg'])}° and {written_speed(joint, ' km/s')}"
         for edge, joint in known.items()
     )
     return (

@@ -12,10 +12,11 @@ from jinja2 import Environment, FileSystemLoader, StrictUndefined
 
 from api.wording import flag_meaning, reason_words
 from bella import __version__
-from bella.answer import interval_68, wind_gap
+from bella.answer import written_68, written_wind
 from bella.plotting import edge_name, plotly_version
 
 TEMPLATES = Path(__file__).parent / "templates"
+MINUS, DASH = "\N{MINUS SIGN}", "\N{EN DASH}"
 
 
 def is_page(request: Request) -> bool:
@@ -61,7 +62,7 @@ def _environment() -> Environment:
         day=written_day,
         clock=written_clock,
         interval=written_interval,
-        wind=written_wind,
+        wind=written_speed,
         edge=edge_name,
         meaning=flag_meaning,
         why=reason_words,
@@ -87,22 +88,18 @@ def written_clock(moment: datetime) -> str:
 
 def written_interval(parameter: Mapping[str, Any] | None, digits: int = 1) -> str:
     """Fitted parameter as its median with the 68 % interval; a dash where there is no number."""
-    known = interval_68(parameter)
-    if known is None:
-        return "\N{EN DASH}"
-    middle, low, high = (None if one is None else written_number(one, digits) for one in known)
-    return f"{middle} ({low} to {high})" if low is not None and high is not None else f"{middle}"
+    return written_68(parameter, digits).replace("-", MINUS) or DASH
 
 
-def written_wind(fit: Mapping[str, Any], unit: str = "") -> str:
+def written_speed(fit: Mapping[str, Any], unit: str = "") -> str:
     """Speed of the wind of a fit as its median with the 68 % interval, or why there is none."""
-    speed = fit.get("v_sw_km_s")
-    return wind_gap(fit) or f"{written_interval(speed if isinstance(speed, Mapping) else None, 0)}{unit}"
+    said = written_wind(fit)
+    return said.removesuffix(" km/s") + (unit if said.endswith(" km/s") else "") if said else DASH
 
 
 def written_number(value: float, digits: int = 0) -> str:
     """Number with so many decimals and a real minus sign."""
-    return f"{value:.{digits}f}".replace("-", "\N{MINUS SIGN}")
+    return f"{value:.{digits}f}".replace("-", MINUS)
 
 
 def _in_utc(moment: datetime) -> datetime:

@@ -3,10 +3,10 @@
 from collections.abc import Mapping
 from typing import Any, NamedTuple
 
-from api.rendering import written_interval, written_wind
+from api.rendering import DASH, written_interval, written_speed
 
 Fit = Mapping[str, Any]
-DASH = "\N{EN DASH}"
+
 HARMONICS = ("fundamental", "harmonic")
 
 
@@ -66,7 +66,7 @@ def _words(found: Fit) -> str:
     spirals = [
         f"{longitude}° and {wind} as {word}"
         for word, spiral in found["joint"].items()
-        for longitude, wind in [(written_interval(spiral["phi0_deg"], 1), written_wind(spiral, " km/s"))]
+        for longitude, wind in [(written_interval(spiral["phi0_deg"], 1), written_speed(spiral, " km/s"))]
     ]
     moved = (
         f" With sources moved outward only, the spiral of the joint fit becomes {', '.join(spirals)}; moved along the "

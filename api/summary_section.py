@@ -3,7 +3,7 @@
 from collections.abc import Mapping
 from typing import Any
 
-from api.rendering import written_interval, written_number, written_wind
+from api.rendering import DASH, written_interval, written_number, written_speed
 from api.wording import flag_meaning
 from bella.answer import NO_SPIRAL, NOT_MEASURED, interval_68, wind_gap
 
@@ -68,12 +68,15 @@ def _has_distance(row: Fit) -> bool:
 def _place(fit: Fit) -> str:
     """Longitude with its intervals, and the wind of a fit, or that there is none."""
     phi0 = fit["phi0_deg"]
-    ends = [written_number(phi0[end]) for end in ("q2_5", "q97_5") if phi0.get(end) is not None]
-    within = f" (95 %: {' to '.join(ends)}°)" if ends else ""
+    parts = [("68 %", "q16", "q84"), ("95 %", "q2_5", "q97_5")]
+    known = [(name, phi0.get(low), phi0.get(high)) for name, low, high in parts]
+    ends = [f"{name}: {written_number(a)} to {written_number(b)}°" for name, a, b in known if None not in {a, b}]
+    within = f" ({', '.join(ends)})" if ends else ""
     gap = wind_gap(fit)
     words = {NO_SPIRAL: ", and no speed of the wind follows", NOT_MEASURED: "; the speed of the wind is not measured"}
-    speed = words.get(gap) or (f", in a wind of {written_wind(fit)} km/s" if interval_68(fit.get("v_sw_km_s")) else "")
-    return f"{written_interval(phi0, 1)}°{within}{speed}"
+    speed = words.get(gap) or (f", in a wind of {written_speed(fit)} km/s" if interval_68(fit.get("v_sw_km_s")) else "")
+    middle, *_ = interval_68(phi0) or (None,)
+    return f"{written_number(middle)}°{within}{speed}" if middle is not None else DASH
 
 
 def _measured(fused: Fit) -> str:

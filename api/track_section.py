@@ -8,14 +8,14 @@ from typing import Any, NamedTuple
 from api.direction_section import crossing_words, fused_words
 from api.model_section import model_words
 from api.remarks import remarks_of
-from api.rendering import written_interval, written_number, written_wind
+from api.rendering import DASH, written_interval, written_number, written_speed
 from api.scattering_section import ScatteringTable, scattering_table
 from api.schemas import SolutionReply
 from api.wind_section import footpoint_words, track_wind_words
 from bella.answer import NO_SPIRAL, NOT_MEASURED, interval_68, wind_gap
 
 Fit = Mapping[str, Any]
-DASH = "\N{EN DASH}"
+
 METHODS = {
     "joint": "Joint",
     "fused": "Fused",
@@ -171,7 +171,7 @@ def _within(value: Fit | None, digits: int) -> str:
 
 
 def _segment(segment: Fit) -> str:
-    return NO_SPIRAL if interval_68(segment["v_sw_km_s"]) is None else written_wind(segment)
+    return NO_SPIRAL if interval_68(segment["v_sw_km_s"]) is None else written_speed(segment)
 
 
 def _moment(value: Fit) -> str:

@@ -5,7 +5,7 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from api.rendering import written_interval, written_number, written_wind
+from api.rendering import DASH, written_interval, written_number, written_speed
 from bella.answer import interval_68
 
 Fit = Mapping[str, Any]
@@ -52,7 +52,7 @@ def wind_table(tracks: Iterable[Fit]) -> WindTable | None:
 
 def _row(one: Fit) -> tuple[str, str, str, str]:
     measured = one.get("measured_km_s")
-    said = "\N{EN DASH}" if measured is None else f"{measured:.0f}"
+    said = DASH if measured is None else f"{measured:.0f}"
     misfit = f"{one['prior_rmse_km_s']:.0f} \N{RIGHTWARDS ARROW} {one['rmse_km_s']:.0f}"
     return one["observatory"], said, written_interval(one["v_sw_km_s"], 0), misfit
 
@@ -95,7 +95,7 @@ def _along(steps: list[Fit], joint: Fit) -> str:
         return ""
     shown = [steps[0], *steps[1:-1][len(steps[1:-1]) // 2 :][:1], *steps[1:][-1:]]
     each = ", ".join(f"{written_interval(one['v_sw_km_s'], 0)} km/s at {one['range_rsun']:.0f} R☉" for one in shown)
-    return f"Along the spiral {each}; for the joint fit: {written_wind(joint, ' km/s')}."
+    return f"Along the spiral {each}; for the joint fit: {written_speed(joint, ' km/s')}."
 
 
 def _line(line: Fit, joint: Fit) -> str:
@@ -140,7 +140,7 @@ def _interval(longitude: Fit) -> str:
 
 def _middle(longitude: Fit) -> str:
     known = interval_68(longitude)
-    return written_number(known[0]) if known else "\N{EN DASH}"
+    return written_number(known[0]) if known else DASH
 
 
 def _connection(one: Fit) -> str:

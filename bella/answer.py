@@ -94,7 +94,8 @@ def answer_of(track: Track | None, positions: Sequence[Position]) -> Answer:
     track : Track or None
         None where no joint fit was made.
     positions : sequence of Position
-        Localisation table of the solution, any order.
+        Localisation table of the solution, any order; where it is empty and the track has no profile, the sentence
+        says nothing of distances.
 
     Returns
     -------
@@ -108,7 +109,8 @@ def answer_of(track: Track | None, positions: Sequence[Position]) -> Answer:
     wind = None if joint is None or longitude is None or joint.tier == "preliminary" else _wind(joint)
     grade = _grade(joint, longitude, flags)
     where = _where(joint, longitude, parts, flags)
-    said = [where, _distance_words(distances), *_wind_words(joint, longitude, wind)]
+    is_asked = bool(positions) or (joint is not None and bool(joint.profile))
+    said = [where, _distance_words(distances) if is_asked else "", *_wind_words(joint, longitude, wind)]
     low, high = distances or (None, None)
     return Answer(
         tier=joint.tier if joint else "final",
@@ -164,6 +166,45 @@ def interval_68(value: Mapping[str, Any] | None) -> tuple[float, float | None, f
     if (low is None or high is None) and sd is not None:
         low, high = middle - sd, middle + sd
     return middle, low, high
+
+
+def written_68(parameter: Mapping[str, Any] | None, digits: int = 1) -> str:
+    """Median with its 68 % interval, such as "26.1 (22.0 to 30.9)"; empty where there is no number.
+
+    Parameters
+    ----------
+    parameter : mapping or None
+        As `interval_68` takes it.
+    digits : int
+        Decimals.
+
+    Returns
+    -------
+    str
+    """
+    known = interval_68(parameter)
+    if known is None:
+        return ""
+    middle, low, high = known
+    said = f"{middle:.{digits}f}"
+    return said if low is None or high is None else f"{said} ({low:.{digits}f} to {high:.{digits}f})"
+
+
+def written_wind(fit: Mapping[str, Any]) -> str:
+    """Speed of the wind of a fit with its unit, or why there is none; empty where nothing is said of it.
+
+    Parameters
+    ----------
+    fit : mapping
+        As `wind_gap` takes it.
+
+    Returns
+    -------
+    str
+    """
+    speed = fit.get("v_sw_km_s")
+    said = written_68(speed if isinstance(speed, Mapping) else None, 0)
+    return wind_gap(fit) or (f"{said} km/s" if said else "")
 
 
 def wind_gap(fit: Mapping[str, Any]) -> str:
@@ -295,7 +336,7 @@ def _longitude_words(middle: float, low: float, high: float) -> str:
     digits = 0 if high - low >= 2 else 1
     number, side = _degrees(middle, digits)
     ends = [_degrees(one, digits) for one in (low, high)]
-    if {one for _, one in ends} <= {side}:
+    if side and {its for _, its in ends} <= {side, ""}:
         near, far = sorted((one for one, _ in ends), key=float)
         return f"{number}°{side} ({near} to {far})"
     return f"{number}°{side} ({' to '.join(f'{one}{its}' for one, its in ends)})"

@@ -68,6 +68,7 @@ def fit_track(  # noqa: PLR0913, PLR0917 - one argument per option
     as_json: Annotated[bool, typer.Option("--json", help="Print JSON instead of a table.")] = False,
 ) -> None:
     """Fit spiral, wind and beam of a burst to its arrival times."""
+    from bella.answer import answer_of, read_track
     from bella.arrivals import read_arrivals
     from bella.flags import APPARENT_SOURCE
     from bella.tracks import JointOptions, TrackRecipe, read_directions
@@ -102,6 +103,7 @@ def fit_track(  # noqa: PLR0913, PLR0917 - one argument per option
         return
     _print_fit(track)
     out.print(f"Fit    {output}", soft_wrap=True, highlight=False)
+    out.print(f"Answer {answer_of(read_track(track), ()).sentence}", soft_wrap=True, highlight=False)
 
 
 def _check_output(output: Path) -> None:
@@ -144,13 +146,19 @@ def _centre_and_sd(text: str) -> tuple[float, float]:
 
 
 def _print_fit(track: dict[str, Any]) -> None:
+    from bella.answer import wind_gap
+
     joint, line = track["joint"], track["two_step"]
     table = Table(title=f"Track of the burst, {joint['model']}", title_justify="left", box=SIMPLE_HEAD, pad_edge=False)
-    for name in ("", "joint", "95 %", "contraction", "two-step"):
+    for name in ("", "joint (68 %)", "95 %", "contraction", "two-step"):
         table.add_column(name, justify="left" if not name else "right")
     for name, (label, decimals) in SHOWN.items():
         if name in joint:
-            table.add_row(label, *_cells(joint[name], decimals), _pair(line.get(name, {}), decimals))
+            cells = _cells(joint[name], decimals)
+            two_step = _median(line.get(name, {}), decimals)
+            if name == "v_sw_km_s":
+                cells, two_step = (wind_gap(joint) or cells[0], *cells[1:]), wind_gap(line) or two_step
+            table.add_row(label, *cells, two_step)
     table.add_row("release of the beam, UTC", *_release_cells(joint["release_utc"]), "")
     out.print(table)
     out.print(f"Remark {track['remark']}", soft_wrap=True, highlight=False)
@@ -193,16 +201,17 @@ def _cells(parameter: dict[str, float | None], decimals: int) -> tuple[str, str,
     low, high, contraction = (parameter[name] for name in ("q2_5", "q97_5", "contraction"))
     if low is None or high is None or contraction is None:
         return "-", "-", "-"
-    return _pair(parameter, decimals), f"{low:.{decimals}f} to {high:.{decimals}f}", f"{contraction:.2f}"
+    return _median(parameter, decimals), f"{low:.{decimals}f} to {high:.{decimals}f}", f"{contraction:.2f}"
 
 
-def _pair(parameter: dict[str, float | None], decimals: int) -> str:
-    mean, sd = parameter.get("mean"), parameter.get("sd")
-    return "-" if mean is None or sd is None else f"{mean:.{decimals}f} ± {sd:.{decimals}f}"
+def _median(parameter: dict[str, float | None], decimals: int) -> str:
+    from bella.answer import written_68
+
+    return written_68(parameter, decimals) or "-"
 
 
 def _release_cells(release: dict[str, Any]) -> tuple[str, str, str]:
-    if release["mean"] is None:
+    if release["q50"] is None:
         return "-", "-", "-"
-    clock = {name: release[name][11:19] for name in ("mean", "q2_5", "q97_5")}
-    return f"{clock['mean']} ± {release['sd']:.0f} s", f"{clock['q2_5']} to {clock['q97_5']}", ""
+    clock = {name: release[name][11:19] for name in ("q2_5", "q16", "q50", "q84", "q97_5")}
+    return f"{clock['q50']} ({clock['q16']} to {clock['q84']})", f"{clock['q2_5']} to {clock['q97_5']}", ""

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from bella.answer import wind_gap, written_68, written_wind
 from bella.flags import APPARENT_SOURCE
 from bella.plotting.geometry import (
     SPIRAL_POINTS,
@@ -218,7 +219,7 @@ def _spiral_traces(track: TrackView, style: TrackStyle) -> Iterator[dict[str, An
         **_xy(spiral),
         "line": {"color": style.colour, "width": 1.6, "dash": "longdash"},
         "name": "Parker spiral",
-        "hovertemplate": f"<b>Parker spiral</b>, {edge_name(track.edge)}<br>φ₀ {fit['phi0_deg']['mean']:.1f}° at 1 R☉"
+        "hovertemplate": f"<b>Parker spiral</b>, {edge_name(track.edge)}<br>φ₀ {written_68(fit['phi0_deg'])}° at 1 R☉"
         f"<br>{_wind_remark(fit)}<extra></extra>",
         **_member(track, "spiral"),
     }
@@ -236,8 +237,8 @@ def _band_traces(track: TrackView, style: TrackStyle) -> Iterator[dict[str, Any]
 
 
 def _wind_remark(fit: Mapping[str, Any]) -> str:
-    speed = float(fit["v_sw_km_s"]["mean"])
-    return f"solar wind {speed:.0f} km/s" if speed > 0 else "bends the wrong way: no solar wind speed follows"
+    gap = wind_gap(fit)
+    return f"{gap}: no solar wind speed follows" if gap else f"solar wind {written_wind(fit)}"
 
 
 def _point_traces(track: TrackView, style: TrackStyle) -> Iterator[dict[str, Any]]:
@@ -307,11 +308,15 @@ def _hover_lines(track: TrackView, polar: PolarTrack) -> list[str]:
     area = track.posterior["area68_rsun2"].to_numpy()
     contraction = track.posterior["contraction_v"].to_numpy()
     return [
-        f"{polar.frequency_mhz[i]:.3g} MHz<br>{polar.range_rsun[i]:.1f} ± {polar.range_sd_rsun[i]:.1f} R☉<br>"
-        f"longitude {polar.longitude_deg[i]:.1f} ± {polar.longitude_sd_deg[i]:.1f}°<br>"
+        f"{polar.frequency_mhz[i]:.3g} MHz<br>{_from_sd(polar.range_rsun[i], polar.range_sd_rsun[i])} R☉<br>"
+        f"longitude {_from_sd(polar.longitude_deg[i], polar.longitude_sd_deg[i])}°<br>"
         f"68 % area {area[i]:.0f} R☉²<br>{speed_remark(float(contraction[i]))}"
         for i in range(len(area))
     ]
+
+
+def _from_sd(middle: float, sd: float) -> str:
+    return written_68({"mean": float(middle), "sd": float(sd)})
 
 
 def _colour_bar(tracks: Sequence[TrackView]) -> dict[str, Any]:
