@@ -97,7 +97,11 @@ def prefer(
         raise InputError("name one series (bella catalogue show lists them), or give --auto for the rule")
     if auto and reason:
         raise InputError("--reason belongs to a choice of yours: leave it out with --auto")
-    with closing(open_catalogue(settings_of(home))) as catalogue:
+    from bella.logs import log_to
+
+    settings = settings_of(home)
+    with closing(open_catalogue(settings)) as catalogue:
+        log_to(settings.home / "logs" / "bella.log")
         chosen = catalogue.prefer_by_rule(burst_id) if series is None else catalogue.prefer(burst_id, series, reason)
         say(f"Preferred {chosen.solution_id}")
         say_answer(catalogue.burst(burst_id))
