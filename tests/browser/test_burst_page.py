@@ -226,3 +226,23 @@ def test_dark_page_has_light_writing_in_its_figures(watch: Watch, burst_path: st
     channels = [int(part) for part in colour.removeprefix("rgb(").removesuffix(")").split(",")]
     assert min(channels) > 180
     watch.photograph("burst-dark", full_page=True)
+
+
+@pytest.mark.parametrize("watch", [LAPTOP, PHONE], indirect=True)
+def test_the_answer_is_the_first_thing_that_is_seen(watch: Watch, burst_path: str) -> None:
+    page = watch.open(burst_path)
+    answer = page.locator("#answer")
+    expect(answer).to_contain_text("13° W (9 to 17), 12 to 152 R_sun, wind 2000 km/s (1710 to 2380), grade A")
+    box = answer.bounding_box()
+    assert box is not None
+    assert box["y"] + box["height"] < 420
+    assert page.evaluate("document.documentElement.scrollWidth") <= page.viewport_size["width"]  # type: ignore[index]
+    watch.photograph(f"burst-answer-{page.viewport_size['width']}")  # type: ignore[index]
+
+
+def test_the_first_track_of_page_and_legend_is_the_preferred_one(watch: Watch, burst_path: str) -> None:
+    page = watch.open(burst_path)
+    expect(page.locator("details.edge[open] h3")).to_have_text("Half-maximum edge")
+    expect(page.locator("#selected-rows tr").first).to_contain_text("Half-maximum edge")
+    expect(page.locator("#selected-rows tr").first).to_contain_text(" to ")
+    expect(page.locator("table.versions .chip.good")).to_have_text("preferred")
