@@ -50,7 +50,7 @@ def constellation_figure(tracks: Sequence[TrackView]) -> dict[str, Any]:
     Parameters
     ----------
     tracks : sequence of TrackView
-        In the order of the legend; may be empty.
+        In the order of the legend, the first one drawn above the others; may be empty.
 
     Returns
     -------
@@ -60,9 +60,11 @@ def constellation_figure(tracks: Sequence[TrackView]) -> dict[str, Any]:
         "spiral_band"}``, regions with their ``percent`` and ``frequency_mhz``.
     """
     traces = [*_surroundings(tracks)]
-    for layer in (_band_traces, _region_traces, _spiral_traces, _selected_traces, _point_traces, _legend_trace):
-        for index, track in enumerate(tracks):
-            traces.extend(layer(track, track_style(track.edge, index)))
+    styled = [(track, track_style(track.edge, index)) for index, track in enumerate(tracks)]
+    for layer in (_band_traces, _region_traces, _spiral_traces, _selected_traces, _point_traces):
+        for track, style in reversed(styled):
+            traces.extend(layer(track, style))
+    traces += [trace for track, style in styled for trace in _legend_trace(track, style)]
     if tracks:
         traces.append(_colour_bar(tracks))
     return {"data": traces, "layout": _layout(tracks)}

@@ -59,6 +59,7 @@ def test_both_figures_are_drawn(watch: Watch, burst_path: str) -> None:
 
 def test_hover_names_the_channel_and_its_errors(watch: Watch, burst_path: str) -> None:
     page = watch.open(burst_path)
+    page.evaluate("() => document.getElementById('constellation').scrollIntoView({block: 'center'})")
     x, y = page.evaluate(
         """() => {const t = document.getElementById('constellation').data.find(
             t => t.meta?.role === 'track' && t.meta.edge === 'gauss_hermite'); return [t.x[0], t.y[0]];}"""
@@ -163,10 +164,10 @@ def test_click_on_a_spectrum_chooses_its_frequency(watch: Watch, burst_path: str
 def test_a_track_that_is_switched_off_is_off_in_both_figures_and_in_the_address(watch: Watch, burst_path: str) -> None:
     page = watch.open(burst_path)
     count = """() => ['constellation', 'spectra'].map(id => document.getElementById(id).data.filter(
-        t => t.legendgroup === 'gauss_hermite' && t.visible !== 'legendonly').length)"""
+        t => t.legendgroup === 'half_maximum' && t.visible !== 'legendonly').length)"""
     assert min(page.evaluate(count)) >= 3
     page.locator("#constellation .legendtoggle").first.click()
-    page.wait_for_function("() => location.search.includes('hidden=gauss_hermite')")
+    page.wait_for_function("() => location.search.includes('hidden=half_maximum')")
     assert page.evaluate(count) == [0, 0]
     page.reload()
     page.wait_for_selector("body[data-drawn='2']")
