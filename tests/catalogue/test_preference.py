@@ -81,6 +81,15 @@ def test_burst_without_numbers_is_not_answered_by_another_preset(catalogue: Cata
     assert preferred(catalogue) == ("half_rise", "default", 1)
 
 
+@pytest.mark.parametrize("track", [EMPTY, EARLY])
+def test_choice_of_another_preset_stays_even_without_a_final_answer(catalogue: Catalogue, track: object) -> None:
+    publish(catalogue, "half_maximum", preset="paper", track=track)
+    publish(catalogue, "half_rise")
+    assert preferred(catalogue) == ("half_maximum", "paper", 1)
+    publish(catalogue, "half_rise", preset="paper")
+    assert preferred(catalogue) == ("half_rise", "paper", 1)
+
+
 def test_final_answer_replaces_the_preliminary_one(catalogue: Catalogue) -> None:
     publish(catalogue, "half_rise", track=EARLY)
     publish(catalogue, "half_maximum", track=EARLY)
