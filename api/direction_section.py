@@ -3,7 +3,7 @@
 from collections.abc import Mapping
 from typing import Any
 
-from api.rendering import written_error, written_number
+from api.rendering import written_interval, written_number
 from bella.flags import DISAGREE_SD
 
 Fit = Mapping[str, Any]
@@ -31,7 +31,7 @@ def crossing_words(companions: Fit) -> str:
 
 
 def _placed(row: Fit) -> str:
-    distance = written_error({"mean": row["range_rsun"], "sd": row["range_sd_rsun"]}, 0)
+    distance = written_interval({"mean": row["range_rsun"], "sd": row["range_sd_rsun"]}, 0)
     longitude = f"{written_number(row['longitude_deg'])}°"
     where = " (behind a spacecraft)" if row["flags"] else ""
     return f"{row['frequency_mhz']:.2g} MHz at {distance} R☉, {longitude}{where}"

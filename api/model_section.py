@@ -3,7 +3,7 @@
 from collections.abc import Mapping
 from typing import Any
 
-from api.rendering import written_error
+from api.rendering import written_interval, written_speed
 
 Fit = Mapping[str, Any]
 PLAIN = "joint spiral"
@@ -29,13 +29,13 @@ def model_words(companions: Fit) -> str:
         return ""
     named = [row for row in found["rows"] if row["probability"] >= WORTH_NAMING]
     each = "; ".join(
-        f"{_words(row['name'])} {row['probability']:.0%}, {written_error(row['phi0_deg'], 1)}°, "
-        f"{written_error(row['v_sw_km_s'], 0)} km/s"
+        f"{_words(row['name'])} {row['probability']:.0%}, {written_interval(row['phi0_deg'], 1)}°, "
+        f"{written_speed(row, ' km/s')}"
         for row in named
     )
     return (
         f"Probability by the arrival times alone, longitude and wind: {each}. Averaged over all, the longitude is "
-        f"{written_error(found['phi0_deg'], 1)}°."
+        f"{written_interval(found['phi0_deg'], 1)}°."
     )
 
 

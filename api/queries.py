@@ -1,5 +1,6 @@
 """What may stand in the query of an address. An unknown parameter is refused: a misspelt filter must not be ignored."""
 
+from dataclasses import replace
 from datetime import UTC, date, datetime
 from typing import Annotated, Literal
 from urllib.parse import urlencode
@@ -14,6 +15,10 @@ TIME_HINT = "write a UTC time as 2012-06-07 or 2012-06-07T19:30:00Z"
 
 Asked = Annotated[str | None, BeforeValidator(lambda value: None if value == "" else value)]
 """A field of a form, which sends what is not filled in as an empty text."""
+
+
+CHOICES = ("edge", "method", "preset", "version")
+"""Names of what chooses a solution."""
 
 
 class _Query(BaseModel):
@@ -122,8 +127,9 @@ class TrackChoice(SolutionChoice):
 
 
 class SeriesChoice(_Query):
-    """Which series the figures show, where a burst has several per edge definition."""
+    """Which series the figures show; without parameters, the preferred one with the other edges of its kind."""
 
+    edge: str | None = Field(None, description="Definition of the edge, such as half_maximum; without it, all.")
     method: str | None = Field(None, description="Method, such as posterior or nuts.")
     preset: str | None = Field(None, description="Preset, such as default, paper or bella-2024.")
 
@@ -181,7 +187,7 @@ def parse_utc(text: str | None, name: str) -> datetime | None:
 
 
 def matching(solutions: tuple[Solution, ...], choice: SolutionChoice) -> list[Solution]:
-    """Solutions that a choice allows, in the order of preference in which the catalogue gives them."""
+    """Solutions that a choice allows, the preferred one first."""
     return [
         solution
         for solution in solutions
@@ -193,24 +199,38 @@ def matching(solutions: tuple[Solution, ...], choice: SolutionChoice) -> list[So
 
 
 def chosen(solutions: tuple[Solution, ...], choice: SolutionChoice, burst_id: str) -> Solution:
-    """The one solution that a choice means.
+    """The one solution that a choice means: the preferred one where the choice allows it.
 
     Raises
     ------
     NoDataError
         If there is none; the message lists what there is.
     """
-    fits = matching(solutions, choice)
-    if not fits:
-        known = sorted({f"{s.series.edge}/{s.series.method}/{s.series.preset} v{s.version}" for s in solutions})
-        raise NoDataError(f"{burst_id} has no such solution; it has {', '.join(known) or 'none at all'}")
-    return fits[0]
+    return _existing(matching(solutions, choice), solutions, choice, burst_id)[0]
 
 
-def one_per_edge(solutions: tuple[Solution, ...], choice: SeriesChoice) -> list[Solution]:
-    """The preferred solution of each definition of the edge, in the order of their names."""
-    fits = matching(solutions, SolutionChoice(method=choice.method, preset=choice.preset))
-    found: dict[str, Solution] = {}
-    for solution in fits:
-        found.setdefault(solution.series.edge, solution)
-    return [found[edge] for edge in sorted(found)]
+def one_per_edge(solutions: tuple[Solution, ...], choice: SeriesChoice, burst_id: str) -> list[Solution]:
+    """The solution that a choice means, and those of the other edges with the same method, preset and dimensions.
+
+    Raises
+    ------
+    NoDataError
+        If the burst has solutions, and none that the choice allows; the message lists what there is.
+    """
+    if not solutions:
+        return []
+    wanted = SolutionChoice(edge=choice.edge, method=choice.method, preset=choice.preset)
+    fits = _existing(matching(solutions, wanted), solutions, wanted, burst_id)
+    same = [one for one in fits if replace(one.series, edge=fits[0].series.edge) == fits[0].series]
+    return list({one.series.edge: one for one in reversed(same)}.values())[::-1]
+
+
+def _existing(
+    fits: list[Solution], solutions: tuple[Solution, ...], choice: SolutionChoice, burst_id: str
+) -> list[Solution]:
+    if fits:
+        return fits
+    asked = ", ".join(f"{name} {getattr(choice, name)}" for name in CHOICES if getattr(choice, name) is not None)
+    known = sorted({f"{s.series.edge}/{s.series.method}/{s.series.preset} v{s.version}" for s in solutions})
+    has = ", ".join(known) or "none at all"
+    raise NoDataError(f"this burst has no such series: {asked or 'none was published'}; {burst_id} has {has}")

@@ -5,7 +5,7 @@ from collections.abc import Mapping, Sequence
 from itertools import combinations
 from typing import Any
 
-from api.rendering import written_error
+from api.rendering import written_interval, written_speed
 from api.wording import flag_meaning
 from bella.units import within_half_turn_deg
 
@@ -66,7 +66,8 @@ def edge_remark(tracks: Mapping[str, Fit]) -> str:
     if len(known) < 2:
         return ""
     each = ", ".join(
-        f"{edge} {_plain(joint, 'phi0_deg')}° and {_plain(joint, 'v_sw_km_s', 0)} km/s" for edge, joint in known.items()
+        f"{edge} {written_interval(joint['phi0_deg'])}° and {written_speed(joint, ' km/s')}"
+        for edge, joint in known.items()
     )
     return (
         f"One burst, timed at different points of its rise: {each} by the joint fit. "
@@ -178,7 +179,3 @@ def _mean(fit: Fit, name: str) -> float | None:
 def _sd(fit: Fit, name: str) -> float | None:
     value = fit.get(name)
     return value.get("sd") if isinstance(value, Mapping) else None
-
-
-def _plain(fit: Fit, name: str, digits: int = 1) -> str:
-    return written_error(fit[name], digits)

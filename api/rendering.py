@@ -12,9 +12,11 @@ from jinja2 import Environment, FileSystemLoader, StrictUndefined
 
 from api.wording import flag_meaning, reason_words
 from bella import __version__
+from bella.answer import written_68, written_wind
 from bella.plotting import edge_name, plotly_version
 
 TEMPLATES = Path(__file__).parent / "templates"
+MINUS, DASH = "\N{MINUS SIGN}", "\N{EN DASH}"
 
 
 def is_page(request: Request) -> bool:
@@ -59,7 +61,8 @@ def _environment() -> Environment:
         utc=written_time,
         day=written_day,
         clock=written_clock,
-        pm=written_error,
+        interval=written_interval,
+        wind=written_speed,
         edge=edge_name,
         meaning=flag_meaning,
         why=reason_words,
@@ -83,17 +86,20 @@ def written_clock(moment: datetime) -> str:
     return f"{_in_utc(moment):%H:%M:%S}"
 
 
-def written_error(parameter: Mapping[str, Any] | None, digits: int = 1) -> str:
-    """Fitted parameter as mean ± sd; a dash where there is none."""
-    if not parameter or parameter.get("mean") is None:
-        return "\N{EN DASH}"
-    mean = written_number(parameter["mean"], digits)
-    return f"{mean} ± {parameter['sd']:.{digits}f}" if parameter.get("sd") is not None else mean
+def written_interval(parameter: Mapping[str, Any] | None, digits: int = 1) -> str:
+    """Fitted parameter as its median with the 68 % interval; a dash where there is no number."""
+    return written_68(parameter, digits).replace("-", MINUS) or DASH
+
+
+def written_speed(fit: Mapping[str, Any], unit: str = "") -> str:
+    """Speed of the wind of a fit as its median with the 68 % interval, or why there is none."""
+    said = written_wind(fit)
+    return said.removesuffix(" km/s") + (unit if said.endswith(" km/s") else "") if said else DASH
 
 
 def written_number(value: float, digits: int = 0) -> str:
     """Number with so many decimals and a real minus sign."""
-    return f"{value:.{digits}f}".replace("-", "\N{MINUS SIGN}")
+    return f"{value:.{digits}f}".replace("-", MINUS)
 
 
 def _in_utc(moment: datetime) -> datetime:

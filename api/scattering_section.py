@@ -3,10 +3,10 @@
 from collections.abc import Mapping
 from typing import Any, NamedTuple
 
-from api.rendering import written_error
+from api.rendering import DASH, written_interval, written_speed
 
 Fit = Mapping[str, Any]
-DASH = "\N{EN DASH}"
+
 HARMONICS = ("fundamental", "harmonic")
 
 
@@ -51,7 +51,7 @@ def _row(row: Fit, apparent: Fit) -> list[str]:
 
 
 def _distance(value: float | None, sd: float | None) -> str:
-    return written_error({"mean": value, "sd": sd}, 1)
+    return written_interval({"mean": value, "sd": sd}, 1)
 
 
 def _ratio(value: Fit | None) -> str:
@@ -64,9 +64,9 @@ def _two_digits(value: float) -> str:
 
 def _words(found: Fit) -> str:
     spirals = [
-        f"{longitude}° and {wind} km/s as {word}"
+        f"{longitude}° and {wind} as {word}"
         for word, spiral in found["joint"].items()
-        for longitude, wind in [(written_error(spiral["phi0_deg"], 1), written_error(spiral["v_sw_km_s"], 0))]
+        for longitude, wind in [(written_interval(spiral["phi0_deg"], 1), written_speed(spiral, " km/s"))]
     ]
     moved = (
         f" With sources moved outward only, the spiral of the joint fit becomes {', '.join(spirals)}; moved along the "

@@ -104,8 +104,30 @@ class DaysReply(Reply):
     next: str | None
 
 
-class SolutionReply(Reply):
-    """One localisation of one burst; it never changes once published."""
+class Said(Reply):
+    """What a solution says of its burst, and whether that is the answer."""
+
+    preferred: bool = Field(
+        description="Whether this is the answer about the burst: see docs/quality-flags.md, grades."
+    )
+    grade: str = Field(description="A (best) to D (no single answer): see docs/quality-flags.md, grades.")
+    tier: str = Field(description="final, or preliminary where two spacecraft heard the burst.")
+    sentence: str = Field(description="The answer in plain words: longitude west or east of Earth, distances, wind.")
+
+
+def said_of(solution: Solution) -> dict[str, Any]:
+    """Fields of `Said` for a solution of the catalogue."""
+    answer = solution.answer
+    return {
+        "preferred": solution.preferred,
+        "grade": answer.grade,
+        "tier": answer.tier,
+        "sentence": answer.sentence,
+    }
+
+
+class SolutionReply(Said):
+    """One localisation of one burst; nothing of it but `preferred` changes once it is published."""
 
     solution_id: str
     burst_id: str
@@ -114,6 +136,14 @@ class SolutionReply(Reply):
     preset: str
     dimensions: int
     version: int
+    phi0_deg: float | None = Field(description="Median longitude of the spiral at 1 solar radius, HEE, west positive.")
+    phi0_low_deg: float | None = Field(description="Ends of its 68 % interval.")
+    phi0_high_deg: float | None
+    range_low_rsun: float | None = Field(description="Distance of the nearest and of the farthest source.")
+    range_high_rsun: float | None
+    v_sw_km_s: float | None = Field(description="Median speed of the wind; null where it was not measured.")
+    v_sw_low_km_s: float | None = Field(description="Ends of its 68 % interval.")
+    v_sw_high_km_s: float | None
     supersedes: str | None = Field(description="Solution that this one replaces.")
     flags: list[str]
     inputs_hash: str
@@ -131,7 +161,10 @@ class SolutionReply(Reply):
         pick = urlencode(
             {"edge": series.edge, "method": series.method, "preset": series.preset, "version": solution.version}
         )
+        numbers = solution.answer.model_dump(exclude={"tier", "grade", "sentence", "has_track"})
         return cls(
+            **said_of(solution),
+            **numbers,
             solution_id=solution.solution_id,
             burst_id=solution.burst_id,
             edge=series.edge,
@@ -156,8 +189,20 @@ class SolutionReply(Reply):
         )
 
 
+class PreferenceReply(Reply):
+    """Which series of a burst is preferred, who chose it, why and when."""
+
+    edge: str
+    method: str
+    preset: str
+    dimensions: int
+    chosen_by: str = Field(description="rule, or person where it was pinned.")
+    reason: str
+    chosen_utc: datetime
+
+
 class BurstReply(Reply):
-    """One burst with the newest solution of each series."""
+    """One burst with the newest solution of each series, the preferred one first."""
 
     burst_id: str
     start_utc: datetime
@@ -166,14 +211,26 @@ class BurstReply(Reply):
     f_high_mhz: float
     observatories: list[str]
     remark: str = APPARENT_SOURCE
+    grade: str | None = Field(description="Of the preferred solution; null where there is no solution.")
+    tier: str | None
+    sentence: str | None = Field(description="The answer about this burst: that of the preferred solution.")
+    preferred_solution: str | None
+    preference: PreferenceReply | None
     solutions: list[SolutionReply]
     links: dict[str, str]
 
     @classmethod
     def of(cls, summary: BurstSummary) -> "BurstReply":
         """Reply for a burst of the catalogue."""
-        burst = summary.burst
+        burst, kept, preferred = summary.burst, summary.preference, summary.preferred
+        said = said_of(preferred) if preferred else dict.fromkeys(Said.model_fields)
+        chosen = kept and PreferenceReply(
+            **asdict(kept.series), chosen_by=kept.chosen_by, reason=kept.reason, chosen_utc=kept.chosen_utc
+        )
         return cls(
+            **{name: said[name] for name in ("grade", "tier", "sentence")},
+            preferred_solution=preferred.solution_id if preferred else None,
+            preference=chosen,
             burst_id=burst.burst_id,
             start_utc=burst.start_utc,
             end_utc=burst.end_utc,
@@ -238,7 +295,7 @@ class TrackFitReply(Reply):
     published: dict[str, Any] | None = Field(default=None, description="What a paper says of this track, if it does.")
 
 
-class TrackReply(Reply):
+class TrackReply(Said):
     """Localisation table and track fit of one solution."""
 
     burst_id: str
@@ -249,7 +306,7 @@ class TrackReply(Reply):
     localisations: list[dict[str, Any]]
 
 
-class PosteriorReply(Reply):
+class PosteriorReply(Said):
     """Summary of a posterior, per frequency; the draws are in the Zarr group at `zarr_url`."""
 
     burst_id: str

@@ -3,8 +3,9 @@
 from collections.abc import Mapping
 from typing import Any
 
-from api.rendering import written_error, written_number
+from api.rendering import DASH, written_interval, written_number, written_speed
 from api.wording import flag_meaning
+from bella.answer import NO_SPIRAL, NOT_MEASURED, interval_68, wind_gap
 
 Fit = Mapping[str, Any]
 DOUBTS = frozenset({"several_tracks", "poor_fit", "poor_weights", "phi0_not_constrained", "ingredients_disagree"})
@@ -51,7 +52,7 @@ def _way(excess: Fit) -> str:
     if len(rows) < 2:
         return ""
     first, last = (
-        f"{written_error({'mean': row['range_rsun'], 'sd': row['range_sd_rsun']}, 0)} R☉ from the Sun at "
+        f"{written_interval({'mean': row['range_rsun'], 'sd': row['range_sd_rsun']}, 0)} R☉ from the Sun at "
         f"{row['frequency_mhz']:.2g} MHz"
         for row in (rows[0], rows[-1])
     )
@@ -65,14 +66,17 @@ def _has_distance(row: Fit) -> bool:
 
 
 def _place(fit: Fit) -> str:
-    """Longitude with its 95 % interval, and the wind of a fit, or that there is none."""
-    phi0, wind = fit["phi0_deg"], fit.get("v_sw_km_s") or {}
-    ends = [written_number(phi0[end]) for end in ("q2_5", "q97_5") if phi0.get(end) is not None]
-    within = f" (95 %: {' to '.join(ends)}°)" if ends else ""
-    speed = f", in a wind of {written_error(wind, 0)} km/s" if wind.get("mean") is not None else ""
-    if "not_a_spiral" in fit.get("flags", ()):
-        speed = ", and no speed of the wind follows"
-    return f"{written_error(phi0, 1)}°{within}{speed}"
+    """Longitude with its intervals, and the wind of a fit, or that there is none."""
+    phi0 = fit["phi0_deg"]
+    parts = [("68 %", "q16", "q84"), ("95 %", "q2_5", "q97_5")]
+    known = [(name, phi0.get(low), phi0.get(high)) for name, low, high in parts]
+    ends = [f"{name}: {written_number(a)} to {written_number(b)}°" for name, a, b in known if None not in {a, b}]
+    within = f" ({', '.join(ends)})" if ends else ""
+    gap = wind_gap(fit)
+    words = {NO_SPIRAL: ", and no speed of the wind follows", NOT_MEASURED: "; the speed of the wind is not measured"}
+    speed = words.get(gap) or (f", in a wind of {written_speed(fit)} km/s" if interval_68(fit.get("v_sw_km_s")) else "")
+    middle, *_ = interval_68(phi0) or (None,)
+    return f"{written_number(middle)}°{within}{speed}" if middle is not None else DASH
 
 
 def _measured(fused: Fit) -> str:

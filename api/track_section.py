@@ -2,18 +2,20 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from datetime import datetime, timedelta
 from typing import Any, NamedTuple
 
 from api.direction_section import crossing_words, fused_words
 from api.model_section import model_words
 from api.remarks import remarks_of
-from api.rendering import written_error, written_number
+from api.rendering import DASH, written_interval, written_number, written_speed
 from api.scattering_section import ScatteringTable, scattering_table
 from api.schemas import SolutionReply
 from api.wind_section import footpoint_words, track_wind_words
+from bella.answer import NO_SPIRAL, NOT_MEASURED, interval_68, wind_gap
 
 Fit = Mapping[str, Any]
-DASH = "\N{EN DASH}"
+
 METHODS = {
     "joint": "Joint",
     "fused": "Fused",
@@ -84,7 +86,8 @@ class TrackSection:
     def brief(self) -> str:
         """Longitude and wind of the joint fit, for where the section is folded."""
         longitude, wind = (cells[0].words for _, cells in self.rows[:2])
-        return f"{longitude}°, {wind} km/s"
+        unit = "" if wind in {NO_SPIRAL, NOT_MEASURED, DASH} else " km/s"
+        return f"{longitude}°, {wind}{unit}"
 
 
 def track_section(solution: SolutionReply, track: Fit, figures: list[tuple[str, str, str]]) -> TrackSection | None:
@@ -146,16 +149,18 @@ def cell(fit: Fit, name: str, digits: int) -> Cell:
     Returns
     -------
     Cell
-        Mean ± sd; a dash where there is nothing.
+        Median with its 68 % interval; a dash where there is nothing.
     """
+    if name == "v_sw_km_s" and wind_gap(fit):
+        return Cell(wind_gap(fit))
     if name == "v_sw_km_s" and fit.get("segments"):
         return Cell(", ".join(_segment(one) for one in fit["segments"]))
     value = fit.get(name)
     if isinstance(value, int | float):
         return Cell(f"{value:.{digits}f} assumed")
-    if name == "release_utc" and value and value.get("mean"):
-        return Cell(f"{value['mean'][11:19]} ± {value['sd']:.0f} s")
-    return Cell(written_error(value, digits), _within(value, digits))
+    if name == "release_utc":
+        return Cell(_moment(value or {}))
+    return Cell(written_interval(value, digits), _within(value, digits))
 
 
 def _within(value: Fit | None, digits: int) -> str:
@@ -166,10 +171,18 @@ def _within(value: Fit | None, digits: int) -> str:
 
 
 def _segment(segment: Fit) -> str:
-    speed = segment["v_sw_km_s"]
-    if speed["mean"] is None or speed["mean"] < 0:
-        return "no spiral"
-    return written_error(speed, 0)
+    return NO_SPIRAL if interval_68(segment["v_sw_km_s"]) is None else written_speed(segment)
+
+
+def _moment(value: Fit) -> str:
+    """Time of day with its 68 % interval."""
+    middle, low, high = (value.get(name) for name in ("q50", "q16", "q84"))
+    if middle and low and high:
+        return f"{middle[11:19]} ({low[11:19]} to {high[11:19]})"
+    if not value.get("mean"):
+        return DASH
+    mean, sd = datetime.fromisoformat(value["mean"]), timedelta(seconds=value.get("sd") or 0.0)
+    return f"{mean:%H:%M:%S} ({mean - sd:%H:%M:%S} to {mean + sd:%H:%M:%S})"
 
 
 def _residual(fit: Fit) -> str:

@@ -5,7 +5,8 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from api.rendering import written_error, written_number
+from api.rendering import DASH, written_interval, written_number, written_speed
+from bella.answer import interval_68
 
 Fit = Mapping[str, Any]
 APART_SD = 2.0
@@ -52,9 +53,9 @@ def wind_table(tracks: Iterable[Fit]) -> WindTable | None:
 
 def _row(one: Fit) -> tuple[str, str, str, str]:
     measured = one.get("measured_km_s")
-    shown = "\N{EN DASH}" if measured is None else f"{measured:.0f}"
+    shown = DASH if measured is None else f"{measured:.0f}"
     misfit = f"{one['prior_rmse_km_s']:.0f} \N{RIGHTWARDS ARROW} {one['rmse_km_s']:.0f}"
-    return one["observatory"], shown, written_error(one["v_sw_km_s"], 0), misfit
+    return one["observatory"], shown, written_interval(one["v_sw_km_s"], 0), misfit
 
 
 def _note(wind: Fit) -> str:
@@ -97,8 +98,8 @@ def _along(steps: list[Fit], joint: Fit) -> str:
     if not steps:
         return ""
     shown = [steps[0], *steps[1:-1][len(steps[1:-1]) // 2 :][:1], *steps[1:][-1:]]
-    each = ", ".join(f"{written_error(one['v_sw_km_s'], 0)} km/s at {one['range_rsun']:.0f} R☉" for one in shown)
-    return f"Along the spiral {each}; the joint fit has {written_error(joint['v_sw_km_s'], 0)} km/s."
+    each = ", ".join(f"{written_interval(one['v_sw_km_s'], 0)} km/s at {one['range_rsun']:.0f} R☉" for one in shown)
+    return f"Along the spiral {each}; for the joint fit: {written_speed(joint, ' km/s')}."
 
 
 def _line(line: Fit, joint: Fit) -> str:
@@ -109,7 +110,7 @@ def _line(line: Fit, joint: Fit) -> str:
     turned = f"{written_number(abs(apart))}° {'west' if apart >= 0 else 'east'} of the spiral"
     return (
         f"The field line of this wind through the spiral at {line['through_rsun']:.0f} R☉, the middle of the track, "
-        f"meets the Sun at {written_number(line['phi0_deg']['mean'])}°, {turned}, {verdict} their errors allow."
+        f"meets the Sun at {_middle(line['phi0_deg'])}°, {turned}, {verdict} their errors allow."
     )
 
 
@@ -138,7 +139,12 @@ def footpoint_words(foot: Fit) -> str:
 
 def _interval(longitude: Fit) -> str:
     low68, high68, low95, high95 = (written_number(longitude[end]) for end in ("q16", "q84", "q2_5", "q97_5"))
-    return f"{written_number(longitude['mean'])}° (68 %: {low68} to {high68}°, 95 %: {low95} to {high95}°)"
+    return f"{_middle(longitude)}° (68 %: {low68} to {high68}°, 95 %: {low95} to {high95}°)"
+
+
+def _middle(longitude: Fit) -> str:
+    known = interval_68(longitude)
+    return written_number(known[0]) if known else DASH
 
 
 def _connection(one: Fit) -> str:
@@ -147,7 +153,7 @@ def _connection(one: Fit) -> str:
     ends = (written_number(one[f"at_{speed}_km_s_deg"]) for speed in (600, 300))
     kind = "measured" if one.get("measured") else "assumed"
     wind = f"by {one.get('v_sw_km_s', 400.0):.0f} km/s, {kind}"
-    return f"{written_number(one['connection_angle_deg']['mean'])}° {wind} ({' to '.join(ends)}°)"
+    return f"{_middle(one['connection_angle_deg'])}° {wind} ({' to '.join(ends)}°)"
 
 
 def _regions(regions: Fit) -> str:

@@ -65,6 +65,7 @@ def fit_track(  # noqa: PLR0913, PLR0917 - one argument per option
     as_json: Annotated[bool, typer.Option("--json", help="Print JSON instead of a table.")] = False,
 ) -> None:
     """Fit spiral, wind and beam of a burst to its arrival times."""
+    from bella.answer import answer_of
     from bella.arrivals import read_arrivals, read_covariance
     from bella.tracks import TrackRecipe, fit_table
     from bella.tracks.directions import read_directions
@@ -93,6 +94,7 @@ def fit_track(  # noqa: PLR0913, PLR0917 - one argument per option
         return
     _print_fit(track)
     out.print(f"Fit    {output}", soft_wrap=True, highlight=False)
+    out.print(f"Answer {answer_of(track, ()).sentence}", soft_wrap=True, highlight=False)
 
 
 def _check_output(output: Path) -> None:
@@ -134,12 +136,18 @@ def _numbers(text: str, option: str, counts: tuple[int, ...], example: str) -> t
 
 
 def _print_fit(track: "Track") -> None:
+    from bella.answer import wind_gap, written_68
+
     joint, line = track.joint, track.two_step
     table = Table(title=f"Track of the burst: {joint.model}", title_justify="left", box=SIMPLE_HEAD, pad_edge=False)
     for name in ("", "median (68 %)", "95 %", "of prior", "two-step"):
         table.add_column(name, justify="left" if not name else "right")
     for name, (label, decimals) in SHOWN.items():
-        table.add_row(label, *_cells(getattr(joint, name), decimals), _pair(line.get(name, {}), decimals))
+        cells, two_step = _cells(getattr(joint, name), decimals), written_68(line.get(name), decimals) or "-"
+        if name == "v_sw_km_s":
+            cells = (wind_gap(joint.model_dump()) or cells[0], *cells[1:])
+            two_step = wind_gap(line) or two_step
+        table.add_row(label, *cells, two_step)
     table.add_row("release of the beam, UTC", *_release_cells(joint.release_utc), "")
     out.print(table)
     out.print(f"Remark {track.remark}", soft_wrap=True, highlight=False)
@@ -183,11 +191,6 @@ def _cells(parameter: "Parameter", decimals: int) -> tuple[str, str, str]:
     shown = f"{parameter.q50:.{decimals}f} ({parameter.q16:.{decimals}f} to {parameter.q84:.{decimals}f})"
     contraction = "-" if parameter.contraction is None else f"{parameter.contraction:.2f}"
     return shown, f"{parameter.q2_5:.{decimals}f} to {parameter.q97_5:.{decimals}f}", contraction
-
-
-def _pair(parameter: dict[str, float | None], decimals: int) -> str:
-    mean, sd = parameter.get("mean"), parameter.get("sd")
-    return "-" if mean is None or sd is None else f"{mean:.{decimals}f} ± {sd:.{decimals}f}"
 
 
 def _release_cells(release: "Moment") -> tuple[str, str, str]:

@@ -95,3 +95,22 @@ EDGE_FLAGS = {
 
 FLAGS = LOCALISATION_FLAGS | TRACK_FLAGS
 """Name and meaning of every flag of a solution."""
+
+HARMLESS_FLAGS = frozenset({"speed_not_constrained", "formal_errors", "v_sw_not_constrained"})
+"""Flags that nearly every solution has, or that its sentence says: they neither lower a grade nor stand in a list."""
+
+SERIOUS_FLAGS = frozenset(
+    {
+        "arrivals_inconsistent",
+        "ingredients_disagree",
+        "multimodal",
+        "not_a_spiral",
+        "poor_fit",
+        "position_not_constrained",
+        "speed_above_c",
+    }
+)
+"""Flags after which errors may not hold: no grade above C."""
+
+UNUSABLE_POSITION_FLAGS = frozenset({"arrivals_inconsistent", "multimodal", "position_not_constrained"})
+"""Flags of a frequency whose position is not counted among the distances of a burst."""

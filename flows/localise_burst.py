@@ -17,9 +17,10 @@ from prefect.runtime import flow_run
 from prefect.tasks import Task
 
 import bella
+from bella.answer import wind_gap
 from bella.arrivals import locate_receivers
 from bella.bursts.event import EVENT
-from bella.catalogue import Catalogue, Lease, Series, Solution
+from bella.catalogue import Catalogue, Lease, Series, Solution, edge_rank
 from bella.exceptions import BellaError
 from bella.multilateration import localise
 from bella.plotting import (
@@ -180,7 +181,7 @@ def is_drawn(figure: Path, outcomes: list[Outcome]) -> bool:
 
 @flow(name="localise-burst", validate_parameters=False)
 def localise_burst(
-    subject: str = EVENT.name, preset: str = "bella-2024", method: str = "posterior", dimensions: int = 2
+    subject: str = EVENT.name, preset: str = "default", method: str = "posterior", dimensions: int = 2
 ) -> list[Outcome]:
     """Localise one burst with every definition of its edge, and publish what is new.
 
@@ -243,12 +244,15 @@ def localise_given(
     burst = replace(given.burst, spectra_path=spectra_path)
     given = replace(given, burst=burst, sources=(*given.sources, *around.sources()))
     outcomes = []
-    for edge in given.arrivals:
+    # the edge that the rule prefers comes first: what is published after it leaves the choice as it is
+    for edge in sorted(given.arrivals, key=edge_rank):
         lease.renew(settings.lease_s)
         series = Series(edge, choice.method, choice.preset, choice.dimensions)
         outcomes.append(_outcome(given, series, catalogue, settings, around))
     if not all(is_drawn(figure, outcomes) for figure in figure_paths(given, outcomes, settings)):
         draw(given, outcomes, settings, around)
+    # a later one of these may have become the preferred solution
+    outcomes = [replace(one, solution=catalogue.solution(one.solution.solution_id)) for one in outcomes]
     create_table_artifact(key=given.burst.burst_id.lower(), table=[summary_row(one) for one in outcomes])
     return outcomes
 
@@ -277,13 +281,20 @@ def _outcome(
 
 def summary_row(outcome: Outcome) -> dict[str, Any]:
     """One line of the summary table of a run."""
-    line, joint = outcome.track["two_step"], outcome.track.get("joint", {})
+    solution, line = outcome.solution, outcome.track["two_step"]
+    answer = solution.answer
     return {
-        "solution": outcome.solution.solution_id,
+        "solution": solution.solution_id,
         "new": outcome.new,
-        "phi0_deg": line["phi0_deg"]["mean"],
-        "v_sw_km_s": line["v_sw_km_s"]["mean"],
-        **{f"joint_{name}": joint.get(name, {}).get("mean") for name in ("phi0_deg", "v_sw_km_s")},
+        "preferred": solution.preferred,
+        "grade": answer.grade,
+        "sentence": answer.sentence,
+        "phi0_deg": answer.phi0_deg,
+        "phi0_68_deg": [answer.phi0_low_deg, answer.phi0_high_deg],
+        "v_sw_km_s": answer.v_sw_km_s,
+        "v_sw_68_km_s": [answer.v_sw_low_km_s, answer.v_sw_high_km_s],
+        "two_step_phi0_deg": line["phi0_deg"]["q50"],
+        "two_step_v_sw_km_s": None if wind_gap(line) else line["v_sw_km_s"]["q50"],
         "rotation_period_d": line["rotation_period_d"],
-        "flags": ", ".join(outcome.solution.flags),
+        "flags": ", ".join(solution.flags),
     }

@@ -247,6 +247,11 @@ def summary_rows(outcomes: Iterable[DayOutcome]) -> Iterator[dict[str, Any]]:
             "detections": one.detections,
             "bursts": one.bursts,
             "localised": sorted({outcome.solution.burst_id for outcome in one.localised}),
+            "answers": {
+                solution.burst_id: solution.answer.sentence
+                for solution in (outcome.solution for outcome in one.localised)
+                if solution.preferred
+            },
             "refused": [{"burst_id": name, "reason": reason} for name, reason in one.refused],
             "message": one.message,
         }

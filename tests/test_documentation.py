@@ -9,8 +9,17 @@ import yaml
 
 import bella
 from api.app import create_app
+from bella.answer import BEST_HALF_WIDTH_DEG, GOOD_HALF_WIDTH_DEG, GRADES, MISFIT_TAIL
 from bella.arrivals import NUISANCE, RISE
-from bella.flags import COMPANION_FLAGS, EDGE_FLAGS, LOCALISATION_FLAGS, TRACK_FLAGS
+from bella.catalogue.records import EDGE_ORDER, METHOD_ORDER, PRESET_ORDER
+from bella.flags import (
+    COMPANION_FLAGS,
+    EDGE_FLAGS,
+    HARMLESS_FLAGS,
+    LOCALISATION_FLAGS,
+    SERIOUS_FLAGS,
+    TRACK_FLAGS,
+)
 from bella.multilateration import METHODS, PRESETS
 from bella.settings import Settings
 from bella.spectra import PRODUCTS
@@ -58,6 +67,24 @@ def test_every_flag_is_explained_in_the_room_it_belongs_to() -> None:
     rooms = re.split(r"^## Edge|^## Track fit|^## Beside", page, flags=re.MULTILINE)
     for flags, text in zip((LOCALISATION_FLAGS, EDGE_FLAGS, TRACK_FLAGS, COMPANION_FLAGS), rooms, strict=True):
         assert set(re.findall(r"^\| `(\w+)` \|", text, flags=re.MULTILINE)) == set(flags)
+
+
+def test_grades_and_the_flags_that_decide_them_are_described() -> None:
+    page = (ROOT / "docs" / "quality-flags.md").read_text(encoding="utf-8").split("## Flags")[0]
+    assert re.findall(r"^\| ([A-D]) \|", page, flags=re.MULTILINE) == list(GRADES)
+    harmless, serious = page[page.index("Harmless are") :].split("serious are")
+    assert set(re.findall(r"`(\w+)`", harmless)) == HARMLESS_FLAGS
+    assert set(re.findall(r"`(\w+)`", serious.split(".")[0])) == SERIOUS_FLAGS
+    assert f"at most {BEST_HALF_WIDTH_DEG:g}°" in page
+    assert f"at most {GOOD_HALF_WIDTH_DEG:g}°" in page
+    assert f"between {MISFIT_TAIL:g} and {1 - MISFIT_TAIL:g}" in page
+
+
+def test_rule_of_the_preferred_edge_is_described_in_its_order() -> None:
+    page = (ROOT / "docs" / "quality-flags.md").read_text(encoding="utf-8")
+    rule = re.sub(r"\s+", " ", page[page.index("- The rule") : page.index("- A newer version")])
+    assert f"edge {', '.join(f'`{edge}`' for edge in EDGE_ORDER)}, then others" in rule
+    assert f"method `{METHOD_ORDER[0]}`; preset `{PRESET_ORDER[0]}`;" in rule
 
 
 def test_every_method_preset_and_nuisance_is_described() -> None:

@@ -18,6 +18,7 @@ from api.schemas import (
     TrackReply,
     VersionReply,
     VersionsReply,
+    said_of,
     zarr_path,
 )
 from api.service import CatalogueHere, ServiceHere
@@ -79,7 +80,11 @@ def track(
             headers={"Content-Disposition": f'attachment; filename="{name}"', "Vary": "Accept"},
         )
     return TrackReply(
-        burst_id=burst_id, solution=SolutionReply.of(solution), track_fit=TrackFitReply(**fit), localisations=rows
+        burst_id=burst_id,
+        **said_of(solution),
+        solution=SolutionReply.of(solution),
+        track_fit=TrackFitReply(**fit),
+        localisations=rows,
     )
 
 
@@ -93,6 +98,7 @@ def posterior(
     numbers = [str(name) for name, variable in group.variables.items() if variable.dims == ("frequency",)]
     return PosteriorReply(
         burst_id=burst_id,
+        **said_of(solution),
         solution=SolutionReply.of(solution),
         zarr_url=str(request.base_url).rstrip("/") + zarr_path(solution),
         draws=group.sizes["draw"],
@@ -105,7 +111,7 @@ def posterior(
 @router.get("/bursts/{burst_id}/regions")
 def regions(burst_id: str, service: ServiceHere, choice: Annotated[FrequencyChoice, Query()]) -> RegionsReply:
     """68 and 95 % regions of each track at the channel nearest to a frequency."""
-    solutions = one_per_edge(service.catalogue().burst(burst_id).solutions, choice)
+    solutions = one_per_edge(service.catalogue().burst(burst_id).solutions, choice, burst_id)
     return RegionsReply(
         burst_id=burst_id,
         regions=[
@@ -113,6 +119,7 @@ def regions(burst_id: str, service: ServiceHere, choice: Annotated[FrequencyChoi
                 "edge": solution.series.edge,
                 "label": edge_name(solution.series.edge),
                 "solution_id": solution.solution_id,
+                "preferred": solution.preferred,
                 **selected_regions(service.posterior(solution), choice.frequency_mhz),
             }
             for solution in solutions
@@ -127,11 +134,10 @@ def pick(catalogue: Catalogue, burst_id: str, choice: SolutionChoice) -> Solutio
 
 
 def versions_of(solutions: tuple[Solution, ...]) -> list[VersionReply]:
-    """Solutions with the one that replaced each, the newest first within a series."""
+    """Solutions with the one that replaced each, in the order of the catalogue."""
     successor = {solution.supersedes: solution.solution_id for solution in solutions if solution.supersedes}
-    ordered = sorted(solutions, key=lambda s: (s.series.edge, s.series.method, s.series.preset, -s.version))
     return [
-        VersionReply(**SolutionReply.of(s).model_dump(), superseded_by=successor.get(s.solution_id)) for s in ordered
+        VersionReply(**SolutionReply.of(s).model_dump(), superseded_by=successor.get(s.solution_id)) for s in solutions
     ]
 
 
@@ -146,6 +152,9 @@ def table_header(solution: Solution) -> dict[str, str]:
         "preset": series.preset,
         "version": str(solution.version),
         "solution": solution.solution_id,
+        "preferred": "yes" if solution.preferred else "no",
+        "grade": solution.answer.grade,
+        "answer": solution.answer.sentence,
         "code_version": solution.code_version,
         "remark": APPARENT_SOURCE,
     }

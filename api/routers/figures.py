@@ -21,7 +21,7 @@ def constellation(
     choice: Annotated[SeriesChoice, Query()],
 ) -> Response:
     """Sun, spacecraft, tracks with their credible regions, and the fitted spirals."""
-    solutions = one_per_edge(catalogue.burst(burst_id).solutions, choice)
+    solutions = one_per_edge(catalogue.burst(burst_id).solutions, choice, burst_id)
     tag = tag_of(solutions, "constellation")
     if is_known(request, tag):
         return not_modified(tag)
@@ -41,7 +41,7 @@ def spectra(
 ) -> Response:
     """Dynamic spectra of all spacecraft with the timed edges."""
     summary = catalogue.burst(burst_id)
-    solutions = one_per_edge(summary.solutions, choice)
+    solutions = one_per_edge(summary.solutions, choice, burst_id)
     tag = tag_of(solutions, "spectra", summary.burst.spectra_path)
     if is_known(request, tag):
         return not_modified(tag)

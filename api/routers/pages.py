@@ -21,9 +21,10 @@ from api.summary_section import summary_words
 from api.track_section import TrackSection, track_section
 from api.wind_section import wind_table
 from api.wording import APPARENT_SOURCE, EDGE_DECIDES
+from bella.answer import GRADES
 from bella.catalogue import BurstPage, BurstQuery, Catalogue, Solution
 from bella.exceptions import InputError
-from bella.flags import FLAGS, NOT_CONSTRAINED
+from bella.flags import FLAGS, HARMLESS_FLAGS, NOT_CONSTRAINED
 from bella.plotting import edge_name, plotly_script
 from bella.settings import Settings
 from bella.spacecraft import OBSERVATORIES
@@ -84,6 +85,8 @@ def catalogue_page(request: Request, catalogue: CatalogueHere) -> HTMLResponse:
         is_empty=page is not None and page.total == 0 and catalogue.bursts(BurstQuery(limit=1)).total == 0,
         observatories=list(dict.fromkeys([*OBSERVATORIES, *asked.get("observatory", [])])),
         flags=FLAGS,
+        harmless=HARMLESS_FLAGS,
+        grades=GRADES,
         base_url=str(request.base_url).rstrip("/"),
     )
 
@@ -92,14 +95,18 @@ def catalogue_page(request: Request, catalogue: CatalogueHere) -> HTMLResponse:
 def burst_page(request: Request, burst_id: str, service: ServiceHere, catalogue: CatalogueHere) -> HTMLResponse:
     """Everything about one burst; where it was looked at from stands in the query and is read by the page itself."""
     summary = catalogue.burst(burst_id)
-    choice = SeriesChoice(method=request.query_params.get("method"), preset=request.query_params.get("preset"))
-    solutions = one_per_edge(summary.solutions, choice)
+    choice = SeriesChoice(**{name: request.query_params.get(name) for name in SeriesChoice.model_fields})
+    solutions = one_per_edge(summary.solutions, choice, burst_id)
     tracks = [(solution, catalogue.track_fit(solution.solution_id)) for solution in solutions]
     channels = [row.frequency_mhz for row in catalogue.localisations(solutions[0].solution_id)] if solutions else []
     return render(
         request,
         "burst.html",
         burst=summary.burst,
+        preferred=summary.preferred,
+        preference=summary.preference,
+        shown=solutions[0] if solutions else None,
+        grades=GRADES,
         links=burst_links(summary.burst),
         is_searched=catalogue.searched_day(summary.burst.start_utc.date()) is not None,
         series=urlencode({name: value for name, value in choice if value}),
@@ -108,7 +115,7 @@ def burst_page(request: Request, burst_id: str, service: ServiceHere, catalogue:
         fits=_fit_rows(tracks),
         sections=_sections(tracks, service.settings),
         wind=wind_table(track for _, track in tracks),
-        summary=_summary(tracks),
+        summary=summary_words(edge_name(tracks[0][0].series.edge), tracks[0][1]) if tracks else "",
         edges_apart=edge_remark({edge_name(s.series.edge): track for s, track in tracks}),
         flags=_flags(solutions),
         contraction=_contraction(catalogue, solutions),
@@ -166,12 +173,6 @@ def _flags(solutions: list[Solution]) -> list[tuple[str, str]]:
     raised = sorted({flag for solution in solutions for flag in solution.flags} - SAID_ELSEWHERE)
     edges = {flag: [edge_name(one.series.edge) for one in solutions if flag in one.flags] for flag in raised}
     return [(flag, ", ".join(on) if len(on) < len(solutions) else "") for flag, on in edges.items()]
-
-
-def _summary(tracks: list[Track]) -> str:
-    """Where and how sure, by the first track that says it."""
-    each = (summary_words(edge_name(solution.series.edge), track) for solution, track in tracks)
-    return next(filter(None, each), "")
 
 
 def _drawn(solution: Solution, settings: Settings) -> list[tuple[str, str, str]]:

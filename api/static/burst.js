@@ -55,6 +55,11 @@ async function highlight(frequency) {
   window.Plotly.restyle(constellation, update, known.map(([, index]) => index));
 }
 
+function interval(middle, sd) {
+  const [shown, low, high] = [middle, middle - sd, middle + sd].map((value) => value.toFixed(1).replace("-", "−"));
+  return `${shown} (${low} to ${high})`;
+}
+
 function row(region) {
   const line = document.createElement("tr");
   const name = document.createElement("th");
@@ -64,8 +69,8 @@ function row(region) {
   key.setAttribute("aria-hidden", "true");
   name.append(key, region.label);
   const cells = [
-    `${region.range_rsun.toFixed(1)} ± ${region.range_sd_rsun.toFixed(1)}`,
-    `${region.longitude_deg.toFixed(1)} ± ${region.longitude_sd_deg.toFixed(1)}`.replace(/^-/, "−"),
+    interval(region.range_rsun, region.range_sd_rsun),
+    interval(region.longitude_deg, region.longitude_sd_deg),
     region.area68_rsun2.toFixed(0),
   ].map((text) => Object.assign(document.createElement("td"), { className: "number", textContent: text }));
   line.append(name, ...cells);

@@ -11,6 +11,7 @@ from bella.catalogue.records import (
     DaySummary,
     Detection,
     Localisation,
+    Preference,
     Publication,
     SearchedDay,
     Series,
@@ -18,6 +19,7 @@ from bella.catalogue.records import (
     SourceFile,
     StageRun,
     Submission,
+    edge_rank,
 )
 
 __all__ = [
@@ -31,6 +33,7 @@ __all__ = [
     "Detection",
     "Lease",
     "Localisation",
+    "Preference",
     "Publication",
     "SearchedDay",
     "Series",
@@ -38,4 +41,5 @@ __all__ = [
     "SourceFile",
     "StageRun",
     "Submission",
+    "edge_rank",
 ]

@@ -8,7 +8,7 @@ from typing import Any, Self
 
 from sqlalchemy import Engine, text
 
-from bella.catalogue import days, detections, leases, publication, queries, schema, solutions, submissions
+from bella.catalogue import days, detections, leases, preference, publication, queries, schema, solutions, submissions
 from bella.catalogue.engine import connect, display_name, parse_url, reading
 from bella.catalogue.records import (
     BurstPage,
@@ -25,6 +25,7 @@ from bella.catalogue.records import (
     StageRun,
     Submission,
 )
+from bella.records import Track
 
 
 class Catalogue:
@@ -178,9 +179,29 @@ class Catalogue:
         """Localisations of a solution by ascending frequency; NoDataError where there is no such solution."""
         return solutions.localisations(self._engine, solution_id)
 
+    def track(self, solution_id: str) -> Track | None:
+        """Track of a solution, typed; None where it has no joint fit, NoDataError where there is no such solution."""
+        return solutions.track(self._engine, solution_id)
+
     def track_fit(self, solution_id: str) -> dict[str, Any]:
-        """Track fit of a solution; NoDataError where there is no such solution."""
+        """Track of a solution as the JSON that is published; NoDataError where there is no such solution."""
         return solutions.track_fit(self._engine, solution_id)
+
+    def prefer(self, burst_id: str, name: str, reason: str = "") -> Solution:
+        """Pin the preferred series of a burst, whatever is published later; see `preference.prefer`.
+
+        Raises
+        ------
+        NoDataError
+            Where there is no such burst, or the burst has no such series.
+        InputError
+            Where the name leaves several series, or is that of a solution that has been superseded.
+        """
+        return preference.prefer(self._engine, burst_id, name, reason)
+
+    def prefer_by_rule(self, burst_id: str) -> Solution:
+        """Let the rule choose the preferred series of a burst again; NoDataError where there is no such burst."""
+        return preference.prefer_by_rule(self._engine, burst_id)
 
     def sources(self, solution_id: str) -> tuple[SourceFile, ...]:
         """Inputs of a solution; NoDataError where there is no such solution."""

@@ -4,7 +4,7 @@ from datetime import UTC, date, datetime
 from math import isnan, nan
 from typing import Any, cast
 
-from sqlalchemy import JSON, CheckConstraint, DateTime, Dialect, Double, ForeignKey, Index, MetaData, Table, text
+from sqlalchemy import JSON, CheckConstraint, DateTime, Dialect, Double, ForeignKey, Index, MetaData, Table, false, text
 from sqlalchemy import UniqueConstraint as Unique
 from sqlalchemy.orm import DeclarativeBase, Mapped, mapped_column
 from sqlalchemy.types import TypeDecorator
@@ -197,6 +197,34 @@ class SolutionRow(Base):
     store_sha256: Mapped[str]
     created_utc: Mapped[datetime] = mapped_column(UtcTime)
     reference_utc: Mapped[datetime] = mapped_column(UtcTime)
+    tier: Mapped[str] = mapped_column(server_default="final")
+    grade: Mapped[str] = mapped_column(server_default="D")
+    sentence: Mapped[str] = mapped_column(server_default="not graded")
+    has_track: Mapped[bool] = mapped_column(server_default=false())
+    phi0_deg: Mapped[float | None] = mapped_column(Double)
+    phi0_low_deg: Mapped[float | None] = mapped_column(Double)
+    phi0_high_deg: Mapped[float | None] = mapped_column(Double)
+    range_low_rsun: Mapped[float | None] = mapped_column(Double)
+    range_high_rsun: Mapped[float | None] = mapped_column(Double)
+    v_sw_km_s: Mapped[float | None] = mapped_column(Double)
+    v_sw_low_km_s: Mapped[float | None] = mapped_column(Double)
+    v_sw_high_km_s: Mapped[float | None] = mapped_column(Double)
+
+
+class PreferenceRow(Base):
+    """Series whose newest version is the answer about a burst; by the rule, or pinned by a person."""
+
+    __tablename__ = "preference"
+    __table_args__ = (CheckConstraint("chosen_by IN ('rule', 'person')", name="chosen_by_rule_or_person"),)
+
+    burst_id: Mapped[str] = mapped_column(ForeignKey("burst.burst_id", ondelete="CASCADE"), primary_key=True)
+    edge: Mapped[str]
+    method: Mapped[str]
+    preset: Mapped[str]
+    dimensions: Mapped[int]
+    chosen_by: Mapped[str]
+    reason: Mapped[str]
+    chosen_utc: Mapped[datetime] = mapped_column(UtcTime)
 
 
 class SolutionFlagRow(Base):

@@ -11,6 +11,7 @@ from typing import Any
 import structlog
 from sqlalchemy import Connection, Engine, Table, delete, func, insert, select, update
 
+from bella.answer import Answer, answer_of, read_track
 from bella.catalogue.engine import reading, writing
 from bella.catalogue.models import (
     ARRIVAL_TABLE,
@@ -24,10 +25,12 @@ from bella.catalogue.models import (
     TrackFitRow,
     table_of,
 )
+from bella.catalogue.preference import follow_publication
 from bella.catalogue.records import Burst, Publication, Series, Solution, SourceFile
 from bella.catalogue.solutions import newest, solution_rows
 from bella.catalogue.upserts import dialect_insert, insert_ignoring
 from bella.exceptions import InputError
+from bella.records import Track
 
 _NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_-]*")
 
@@ -89,9 +92,12 @@ def publish(engine: Engine, publication: Publication) -> Solution:
         if (same := _same(connection, *key)) is not None:
             connection.rollback()
             return same
-        solution_id = _insert_solution(connection, publication)
-        _insert_parts(connection, solution_id, publication)
-        solution = solution_rows(connection, table_of(SolutionRow).c.solution_id == solution_id)[0]
+        fit = plain_json(_as_json(publication.track_fit))
+        solution_id = _insert_solution(connection, publication, answer_of(read_track(fit), publication.localisations))
+        _insert_parts(connection, solution_id, publication, fit)
+        published = table_of(SolutionRow).c.solution_id == solution_id
+        follow_publication(connection, solution_rows(connection, published)[0])
+        solution = solution_rows(connection, published)[0]
     log.info("solution published", burst_id=solution.burst_id, solution_id=solution_id, store_path=solution.store_path)
     return solution
 
@@ -127,6 +133,10 @@ def plain_json(value: Any) -> Any:
     except TypeError as error:
         raise InputError(f"a track fit cannot hold a {type(value).__name__}: give numbers and text") from error
     return value
+
+
+def _as_json(track: Track | dict[str, Any]) -> dict[str, Any]:
+    return track.model_dump(mode="json") if isinstance(track, Track) else track
 
 
 def _same(
@@ -166,7 +176,7 @@ def _upsert_burst(connection: Connection, burst: Burst) -> None:
     )
 
 
-def _insert_solution(connection: Connection, publication: Publication) -> str:
+def _insert_solution(connection: Connection, publication: Publication, answer: Answer) -> str:
     series, burst_id = publication.series, publication.burst.burst_id
     last = newest(connection, burst_id, series)
     version = last.version + 1 if last else 1
@@ -183,17 +193,17 @@ def _insert_solution(connection: Connection, publication: Publication) -> str:
         "store_sha256": publication.store_sha256,
         "created_utc": datetime.now(UTC),
         "reference_utc": publication.reference_utc,
+        **answer.model_dump(),
     }
     connection.execute(insert(table_of(SolutionRow)).values(values))
     return solution_id
 
 
-def _insert_parts(connection: Connection, solution_id: str, publication: Publication) -> None:
+def _insert_parts(connection: Connection, solution_id: str, publication: Publication, fit: dict[str, Any]) -> None:
     own = {"solution_id": solution_id}
     flags = ({**own, "flag": flag, "position": at} for at, flag in _numbered(publication.flags))
     _insert_all(connection, table_of(SolutionFlagRow), flags)
     _insert_all(connection, table_of(LocalisationRow), ({**own, **asdict(one)} for one in publication.localisations))
-    fit = plain_json(publication.track_fit)
     connection.execute(insert(table_of(TrackFitRow)).values(**own, fit=fit))
     # one order for all publishers, or two that share files could wait for one another
     files = sorted(set(publication.sources), key=lambda file: (file.dataset, file.day, file.version, file.sha256))

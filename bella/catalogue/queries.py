@@ -6,28 +6,27 @@ import json
 from datetime import datetime
 from typing import Any
 
-from sqlalchemy import ColumnElement, Connection, Engine, FromClause, and_, case, func, or_, select
+from sqlalchemy import ColumnElement, Connection, Engine, and_, func, or_, select
 
 from bella.catalogue.engine import reading
 from bella.catalogue.models import (
     BurstObservatoryRow,
     BurstRow,
+    PreferenceRow,
     SolutionFlagRow,
     SolutionRow,
     as_utc,
     table_of,
 )
+from bella.catalogue.preference import preferences
 from bella.catalogue.records import (
-    EDGE_ORDER,
-    METHOD_ORDER,
-    PRESET_ORDER,
     Burst,
     BurstPage,
     BurstQuery,
     BurstSummary,
     Solution,
 )
-from bella.catalogue.solutions import is_newest, solution_rows
+from bella.catalogue.solutions import SERIES_COLUMNS, is_newest, solution_rows
 from bella.exceptions import InputError, NoDataError
 
 MAX_LIMIT = 1000
@@ -157,37 +156,20 @@ def _filters(query: BurstQuery) -> list[ColumnElement[bool]]:
 
 def _preferred_flagged(flags: frozenset[str]) -> ColumnElement[bool]:
     """Condition that the preferred solution of a burst has any of these flags."""
-    flagged, preferred = table_of(SolutionFlagRow), table_of(SolutionRow).alias("preferred")
-    best = (
-        select(preferred.c.solution_id)
-        .where(preferred.c.burst_id == table_of(BurstRow).c.burst_id, is_newest(preferred))
-        .order_by(*_preference(preferred))
-        .limit(1)
-        .correlate(table_of(BurstRow))
-        .scalar_subquery()
+    flagged, solutions, preference = table_of(SolutionFlagRow), table_of(SolutionRow), table_of(PreferenceRow)
+    same = [solutions.c[name] == preference.c[name] for name in ("burst_id", *SERIES_COLUMNS)]
+    bad = (
+        select(flagged.c.flag)
+        .join(solutions, solutions.c.solution_id == flagged.c.solution_id)
+        .join(preference, and_(*same))
+        .where(solutions.c.burst_id == table_of(BurstRow).c.burst_id, is_newest(solutions))
+        .where(flagged.c.flag.in_(sorted(flags)))
     )
-    bad = select(flagged.c.flag).where(flagged.c.solution_id == best, flagged.c.flag.in_(sorted(flags)))
     return bad.correlate(table_of(BurstRow)).exists()
 
 
-def _preference(solutions: FromClause) -> tuple[Any, ...]:
-    """The order of `records.series_order` in SQL."""
-    columns = solutions.c
-    return (
-        _rank(METHOD_ORDER, columns.method),
-        _rank(PRESET_ORDER, columns.preset),
-        _rank(EDGE_ORDER, columns.edge),
-        columns.dimensions.desc(),
-        columns.solution_id,
-    )
-
-
-def _rank(order: tuple[str, ...], column: ColumnElement[str]) -> ColumnElement[int]:
-    return case({name: rank for rank, name in enumerate(order)}, value=column, else_=len(order))
-
-
 def _summaries(connection: Connection, rows: Any) -> tuple[BurstSummary, ...]:
-    """Bursts of a page with observatories and newest solutions, in two queries however long the page is."""
+    """Bursts of a page with observatories and newest solutions, in a few queries however long it is."""
     heard, solutions = table_of(BurstObservatoryRow), table_of(SolutionRow)
     ids = [row["burst_id"] for row in rows]
     by_position = select(heard).where(heard.c.burst_id.in_(ids)).order_by(heard.c.position)
@@ -197,7 +179,9 @@ def _summaries(connection: Connection, rows: Any) -> tuple[BurstSummary, ...]:
     newest: dict[str, list[Solution]] = {burst_id: [] for burst_id in ids}
     for solution in solution_rows(connection, solutions.c.burst_id.in_(ids), is_newest(solutions)):
         newest[solution.burst_id].append(solution)
+    preferred = preferences(connection, ids)
     return tuple(
-        BurstSummary(Burst(**row, observatories=tuple(observatories[row["burst_id"]])), tuple(newest[row["burst_id"]]))
+        BurstSummary(Burst(**row, observatories=tuple(observatories[one])), tuple(newest[one]), preferred.get(one))
         for row in rows
+        for one in [row["burst_id"]]
     )

@@ -6,11 +6,16 @@ All times are UTC; a time without a zone is taken as UTC on the way in, and has 
 from collections.abc import Iterable
 from dataclasses import dataclass, field
 from datetime import date, datetime
-from typing import Any
+from typing import Any, Literal
+
+from bella.answer import Answer
+from bella.records import Track
 
 METHOD_ORDER = ("posterior", "nuts", "tdoa")
 PRESET_ORDER = ("default", "robust", "free-speed", "subluminal", "paper", "bella-2024")
-EDGE_ORDER = ("half_rise", "half_maximum", "gauss_hermite")
+EDGE_ORDER = ("shared_profile", "half_rise", "half_maximum", "gauss_hermite")
+RULE, PERSON = "rule", "person"
+"""Who chose the preferred series of a burst."""
 
 
 @dataclass(frozen=True)
@@ -109,6 +114,21 @@ class Series:
     preset: str
     dimensions: int
 
+    @property
+    def name(self) -> str:
+        """The series in one word, such as "half_rise/posterior/default/2d"."""
+        return f"{self.edge}/{self.method}/{self.preset}/{self.dimensions}d"
+
+
+@dataclass(frozen=True)
+class Preference:
+    """Which series of a burst is the preferred one, who chose it, why and when."""
+
+    series: Series
+    chosen_by: Literal["rule", "person"]
+    reason: str
+    chosen_utc: datetime
+
 
 @dataclass(frozen=True)
 class Localisation:
@@ -142,7 +162,10 @@ class Localisation:
 
 @dataclass(frozen=True)
 class Solution:
-    """One version of the localisation of one burst; never changed once it is there."""
+    """One version of the localisation of one burst; never changed once it is there.
+
+    `preferred` alone may change: it says whether this is the newest version of the preferred series of its burst.
+    """
 
     solution_id: str
     burst_id: str
@@ -156,6 +179,8 @@ class Solution:
     store_sha256: str
     created_utc: datetime
     reference_utc: datetime
+    answer: Answer
+    preferred: bool
 
 
 @dataclass(frozen=True)
@@ -171,7 +196,7 @@ class Publication:
     store_sha256: str
     reference_utc: datetime
     localisations: tuple[Localisation, ...]
-    track_fit: dict[str, Any]
+    track_fit: Track | dict[str, Any]
     sources: tuple[SourceFile, ...]
 
 
@@ -193,15 +218,16 @@ class BurstQuery:
 
 @dataclass(frozen=True)
 class BurstSummary:
-    """A burst with the newest version of each series, the preferred one first."""
+    """A burst with the newest version of each series, the preferred one first, and how that was chosen."""
 
     burst: Burst
     solutions: tuple[Solution, ...]
+    preference: Preference | None = None
 
     @property
     def preferred(self) -> Solution | None:
-        """The solution to show where only one is shown, see `series_order`."""
-        return self.solutions[0] if self.solutions else None
+        """The answer about this burst; None where it has no solution."""
+        return next((one for one in self.solutions if one.preferred), None)
 
 
 @dataclass(frozen=True)
@@ -243,48 +269,61 @@ class Submission:
     changed_utc: datetime
 
 
-def series_order(series: Series) -> tuple[int, int, int, int]:
-    """Sort key that puts the preferred series first.
+def rule_order(series: Series, answer: Answer) -> tuple[int, int, bool, bool, int, int, str]:
+    """Sort key of the rule that chooses the preferred series of a burst.
 
-    Method before preset before edge, each in the order of the constants of this module and unknown names last; then
-    more dimensions before fewer.
+    Method (posterior first), preset (default first), a track with numbers before none, tier final before preliminary,
+    edge (shared_profile, half_rise, half_maximum, gauss_hermite, then others), fewer dimensions before more.
 
     Parameters
     ----------
     series : Series
-        Series of a solution.
+    answer : Answer
+        Of the newest version of that series.
 
     Returns
     -------
-    tuple of int
+    tuple
         Smaller is preferred.
     """
     return (
         _rank(METHOD_ORDER, series.method),
         _rank(PRESET_ORDER, series.preset),
-        _rank(EDGE_ORDER, series.edge),
-        -series.dimensions,
+        not answer.has_track,
+        answer.tier != "final",
+        edge_rank(series.edge),
+        series.dimensions,
+        series.name,
     )
 
 
+def edge_rank(edge: str) -> int:
+    """Place of an edge in the order of the rule, from 0; edges that it does not name are last."""
+    return _rank(EDGE_ORDER, edge)
+
+
 def by_preference(solutions: Iterable[Solution]) -> tuple[Solution, ...]:
-    """Solutions with the preferred series first and newer versions before older ones.
+    """Solutions with the preferred series first, the others by the rule, newer versions before older ones.
 
     Parameters
     ----------
     solutions : iterable of Solution
-        Solutions of one burst.
 
     Returns
     -------
     tuple of Solution
         The same, sorted.
     """
+    found = sorted(solutions, key=lambda one: -one.version)
+    newest: dict[tuple[str, Series], Solution] = {}
+    for one in found:
+        newest.setdefault((one.burst_id, one.series), one)
 
-    def _key(one: Solution) -> tuple[tuple[int, int, int, int], str, int]:
-        return series_order(one.series), one.solution_id.rpartition(".")[0], -one.version
+    def _key(one: Solution) -> tuple[bool, tuple[Any, ...]]:
+        head = newest[one.burst_id, one.series]
+        return not head.preferred, rule_order(head.series, head.answer)
 
-    return tuple(sorted(solutions, key=_key))
+    return tuple(sorted(found, key=_key))
 
 
 def _rank(order: tuple[str, ...], name: str) -> int:

@@ -3,12 +3,14 @@
 from collections.abc import Iterable
 from typing import Any
 
-from sqlalchemy import ColumnElement, Connection, Engine, Select, select
+from sqlalchemy import ColumnElement, Connection, Engine, Select, and_, select
 
+from bella.answer import Answer, read_track
 from bella.catalogue.engine import reading
 from bella.catalogue.models import (
     BurstRow,
     LocalisationRow,
+    PreferenceRow,
     SolutionFlagRow,
     SolutionRow,
     SolutionSourceRow,
@@ -18,8 +20,10 @@ from bella.catalogue.models import (
 )
 from bella.catalogue.records import Localisation, Series, Solution, SourceFile, by_preference
 from bella.exceptions import NoDataError
+from bella.records import Track
 
-_SERIES = ("edge", "method", "preset", "dimensions")
+SERIES_COLUMNS = ("edge", "method", "preset", "dimensions")
+_ANSWER = tuple(Answer.model_fields)
 _SOURCE = ("dataset", "day", "version", "sha256", "state", "uri")
 
 
@@ -45,7 +49,11 @@ def solution_rows(connection: Connection, *conditions: ColumnElement[bool]) -> t
         Preferred series first, newer versions first.
     """
     table, flagged = table_of(SolutionRow), table_of(SolutionFlagRow)
-    rows = connection.execute(select(table).where(*conditions)).mappings().all()
+    preference = table_of(PreferenceRow)
+    same = [preference.c[name] == table.c[name] for name in ("burst_id", *SERIES_COLUMNS)]
+    is_preferred = select(preference.c.burst_id).where(and_(*same)).exists() & is_newest(table)
+    wanted = select(table, is_preferred.label("preferred")).where(*conditions)
+    rows = connection.execute(wanted).mappings().all()
     chosen = select(table.c.solution_id).where(*conditions)
     by_flag = select(flagged).where(flagged.c.solution_id.in_(chosen)).order_by(flagged.c.position)
     flags: dict[str, list[str]] = {}
@@ -72,7 +80,7 @@ def newest(connection: Connection, burst_id: str, series: Series) -> Solution | 
         None before the first version.
     """
     columns = table_of(SolutionRow).c
-    own = [columns[name] == getattr(series, name) for name in _SERIES]
+    own = [columns[name] == getattr(series, name) for name in SERIES_COLUMNS]
     last = (
         select(columns.solution_id).where(columns.burst_id == burst_id, *own).order_by(columns.version.desc()).limit(1)
     )
@@ -106,8 +114,19 @@ def localisations(engine: Engine, solution_id: str) -> tuple[Localisation, ...]:
     return tuple(Localisation(**{name: row[name] for name in row if name != "solution_id"}) for row in rows)
 
 
+def track(engine: Engine, solution_id: str) -> Track | None:
+    """Track of a solution as a typed record; None where no joint fit was made.
+
+    Raises
+    ------
+    NoDataError
+        Where there is no such solution.
+    """
+    return read_track(track_fit(engine, solution_id))
+
+
 def track_fit(engine: Engine, solution_id: str) -> dict[str, Any]:
-    """Track fit of a solution.
+    """Everything that is said of the track of a solution, as the JSON that is published.
 
     Raises
     ------
@@ -171,5 +190,12 @@ def _of_solution(engine: Engine, solution_id: str, query: Select[Any]) -> Iterab
 
 
 def _solution(row: Any, flags: Iterable[str]) -> Solution:
-    rest = {name: row[name] for name in row if name not in _SERIES}
-    return Solution(series=Series(**{name: row[name] for name in _SERIES}), flags=tuple(flags), **rest)
+    answer, series = ({name: row[name] for name in names} for names in (_ANSWER, SERIES_COLUMNS))
+    rest = {name: row[name] for name in row if name not in {*_ANSWER, *SERIES_COLUMNS, "preferred"}}
+    return Solution(
+        series=Series(**series),
+        flags=tuple(flags),
+        answer=Answer(**answer),
+        preferred=bool(row["preferred"]),
+        **rest,
+    )

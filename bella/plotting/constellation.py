@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from bella.answer import wind_gap, written_68, written_wind
 from bella.flags import APPARENT_SOURCE
 from bella.plotting.geometry import (
     SPIRAL_POINTS,
@@ -49,7 +50,7 @@ def constellation_figure(tracks: Sequence[TrackView]) -> dict[str, Any]:
     Parameters
     ----------
     tracks : sequence of TrackView
-        In the order of the legend; may be empty.
+        In the order of the legend, the first one drawn above the others; may be empty.
 
     Returns
     -------
@@ -59,9 +60,11 @@ def constellation_figure(tracks: Sequence[TrackView]) -> dict[str, Any]:
         "spiral_band"}``, regions with their ``percent`` and ``frequency_mhz``.
     """
     traces = [*_surroundings(tracks)]
-    for layer in (_band_traces, _region_traces, _spiral_traces, _selected_traces, _point_traces, _legend_trace):
-        for index, track in enumerate(tracks):
-            traces.extend(layer(track, track_style(track.edge, index)))
+    styled = [(track, track_style(track.edge, index)) for index, track in enumerate(tracks)]
+    for layer in (_band_traces, _region_traces, _spiral_traces, _selected_traces, _point_traces):
+        for track, style in reversed(styled):
+            traces.extend(layer(track, style))
+    traces += [trace for track, style in styled for trace in _legend_trace(track, style)]
     if tracks:
         traces.append(_colour_bar(tracks))
     return {"data": traces, "layout": _layout(tracks)}
@@ -218,7 +221,7 @@ def _spiral_traces(track: TrackView, style: TrackStyle) -> Iterator[dict[str, An
         **_xy(spiral),
         "line": {"color": style.colour, "width": 1.6, "dash": "longdash"},
         "name": "Parker spiral",
-        "hovertemplate": f"<b>Parker spiral</b>, {edge_name(track.edge)}<br>φ₀ {fit['phi0_deg']['mean']:.1f}° at 1 R☉"
+        "hovertemplate": f"<b>Parker spiral</b>, {edge_name(track.edge)}<br>φ₀ {written_68(fit['phi0_deg'])}° at 1 R☉"
         f"<br>{_wind_remark(fit)}<extra></extra>",
         **_member(track, "spiral"),
     }
@@ -236,8 +239,8 @@ def _band_traces(track: TrackView, style: TrackStyle) -> Iterator[dict[str, Any]
 
 
 def _wind_remark(fit: Mapping[str, Any]) -> str:
-    speed = float(fit["v_sw_km_s"]["mean"])
-    return f"solar wind {speed:.0f} km/s" if speed > 0 else "bends the wrong way: no solar wind speed follows"
+    gap = wind_gap(fit)
+    return f"{gap}: no solar wind speed follows" if gap else f"solar wind {written_wind(fit)}"
 
 
 def _point_traces(track: TrackView, style: TrackStyle) -> Iterator[dict[str, Any]]:
@@ -307,11 +310,15 @@ def _hover_lines(track: TrackView, polar: PolarTrack) -> list[str]:
     area = track.posterior["area68_rsun2"].to_numpy()
     contraction = track.posterior["contraction_v"].to_numpy()
     return [
-        f"{polar.frequency_mhz[i]:.3g} MHz<br>{polar.range_rsun[i]:.1f} ± {polar.range_sd_rsun[i]:.1f} R☉<br>"
-        f"longitude {polar.longitude_deg[i]:.1f} ± {polar.longitude_sd_deg[i]:.1f}°<br>"
+        f"{polar.frequency_mhz[i]:.3g} MHz<br>{_from_sd(polar.range_rsun[i], polar.range_sd_rsun[i])} R☉<br>"
+        f"longitude {_from_sd(polar.longitude_deg[i], polar.longitude_sd_deg[i])}°<br>"
         f"68 % area {area[i]:.0f} R☉²<br>{speed_remark(float(contraction[i]))}"
         for i in range(len(area))
     ]
+
+
+def _from_sd(middle: float, sd: float) -> str:
+    return written_68({"mean": float(middle), "sd": float(sd)})
 
 
 def _colour_bar(tracks: Sequence[TrackView]) -> dict[str, Any]:

@@ -37,13 +37,14 @@ TRACK_STYLES = (
     _style("#d95f02", "diamond", "D"),
     _style("#11936b", "square", "s"),
     _style("#b8508f", "triangle-up", "^"),
+    _style("#7a6a1c", "cross", "P"),
 )
 
 EDGE_NAMES = {
     "gauss_hermite": "Gauss-Hermite edge",
     "half_maximum": "Half-maximum edge",
     "half_rise": "Half-rise edge",
-    "shared_profile": "Edge of the shared profile",
+    "shared_profile": "Shared-profile edge",
 }
 
 INK = "#22303c"

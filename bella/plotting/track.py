@@ -13,6 +13,7 @@ from matplotlib.colors import LogNorm
 from matplotlib.figure import Figure
 from matplotlib.ticker import FixedLocator, FuncFormatter, NullFormatter, NullLocator
 
+from bella.answer import NO_SPIRAL, written_wind
 from bella.exceptions import InputError
 from bella.flags import APPARENT_SOURCE
 from bella.heliosphere import DENSITY_MODELS, emission_frequency_mhz, spiral_longitude_deg
@@ -123,8 +124,7 @@ def _draw_fits(axes: Axes, fits: Mapping[str, Any], range_rsun: FloatArray, long
             continue
         phi0, speed = float(fit["phi0_deg"]["mean"]), float(fit["v_sw_km_s"]["mean"])
         line = spiral_longitude_deg(range_rsun, phi0, speed, float(fit["rotation_period_d"]))
-        said = f"{speed:.0f} ± {fit['v_sw_km_s']['sd']:.0f} km/s" if speed > 0 else "no spiral"
-        label = f"{words}: {said}"
+        label = f"{words}: {written_wind(fit)}"
         axes.plot(range_rsun, _nearest_turn(line, middle), color=style.colour, lw=1.5, ls=dashes, label=label, zorder=4)
     _draw_pieces(axes, fits.get("piecewise", {}), middle)
 
@@ -138,8 +138,7 @@ def _draw_pieces(axes: Axes, fit: Mapping[str, Any], middle: float) -> None:
         segment["slope_deg_per_rsun"]["mean"] * width for segment, width in zip(segments, np.diff(edges), strict=True)
     ]
     heights = _nearest_turn(float(fit["phi0_deg"]["mean"]) + np.cumsum([0.0, *steps]), middle)
-    speeds = [_mean(segment, "v_sw_km_s") for segment in segments]
-    words = ", ".join("no spiral" if speed is None or speed < 0 else f"{speed:.0f}" for speed in speeds)
+    words = ", ".join((written_wind(segment) or NO_SPIRAL).removesuffix(" km/s") for segment in segments)
     style = TRACK_STYLES[2]
     axes.plot(edges, heights, color=style.colour, lw=1.5, ls="-.", label=f"broken: {words} km/s", zorder=4)
     axes.plot(edges[1:-1], heights[1:-1], style.printed_marker, color=style.colour, ms=6, zorder=5)

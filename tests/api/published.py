@@ -52,6 +52,7 @@ def published(
     *,
     burst: Burst | None = None,
     edge: str = "half_maximum",
+    preset: str = "bella-2024",
     inputs_hash: str = "a" * 64,
     flags: tuple[str, ...] = ("speed_not_constrained",),
     frequencies: np.ndarray = CHANNELS,
@@ -65,7 +66,7 @@ def published(
     return catalogue.publish(
         Publication(
             burst=burst,
-            series=Series(edge, "posterior", "bella-2024", 2),
+            series=Series(edge, "posterior", preset, 2),
             inputs_hash=inputs_hash,
             code_version="0.1.0",
             flags=flags,

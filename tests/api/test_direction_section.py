@@ -24,7 +24,7 @@ def test_sources_are_read_as_distance_and_longitude() -> None:
     hidden = ROW | {"range_rsun": None, "flags": ["parallel_lines"]}
     words = crossing_words({"triangulation": {"rows": [ROW, hidden, ROW | {"flags": ["behind_spacecraft"]}]}})
     assert "STEREO-A, STEREO-B" in words
-    assert "0.38 MHz at 48 ± 20 R☉, \N{MINUS SIGN}74°" in words
+    assert "0.38 MHz at 48 (28 to 69) R☉, \N{MINUS SIGN}74°" in words
     assert words.count("MHz") == 2
     assert "(behind a spacecraft)" in words
 
@@ -58,6 +58,6 @@ def test_models_that_the_times_ask_for_are_named_and_averaged() -> None:
         {"name": "joint spiral, two slopes", "probability": 0.05} | numbers,
     ]
     words = model_words({"models": {"rows": rows, "phi0_deg": {"mean": 29.0, "sd": 6.0}}})
-    assert "slowing beam 70%, 30.0 ± 5.0°, 410 ± 80 km/s; as the joint fit has it 25%" in words
+    assert "slowing beam 70%, 30.0 (25.0 to 35.0)°, 410 (330 to 490) km/s; as the joint fit has it 25%" in words
     assert "two slopes" not in words
-    assert words.endswith("the longitude is 29.0 ± 6.0°.")
+    assert words.endswith("the longitude is 29.0 (23.0 to 35.0)°.")

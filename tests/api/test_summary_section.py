@@ -6,8 +6,8 @@ import pytest
 
 from api.summary_section import RESTS_ON, summary_words
 
-PHI0 = {"mean": -28.6, "sd": 6.6, "q2_5": -41.3, "q97_5": -15.3}
-WIND = {"mean": 440.3, "sd": 93.1, "q2_5": 309.6, "q97_5": 673.0}
+PHI0 = {"mean": -28.6, "sd": 6.6, "q16": -35.2, "q50": -28.7, "q84": -21.8, "q2_5": -41.3, "q97_5": -15.3}
+WIND = {"mean": 440.3, "sd": 93.1, "q16": 350.0, "q50": 430.2, "q84": 540.0, "q2_5": 309.6, "q97_5": 673.0}
 FUSED = {
     "phi0_deg": {"mean": -29.6, "sd": 5.5},
     "v_sw_km_s": {"mean": 420.0, "sd": 64.6},
@@ -30,7 +30,7 @@ def test_distances_are_those_of_the_highest_and_lowest_frequency_that_have_one()
     rows = [row(0.15, 150.6, 11.2), row(0.5, 36.0, 10.0), row(1.0, 20.4, 10.6), row(2.0, 60.0, 61.0)]
     words = summary_words("Half-rise edge", track(density_excess={"rows": rows}))
     assert words.startswith(
-        "Timed by its half-rise edge, the burst appears 20 ± 11 R☉ from the Sun at 1 MHz and 151 ± 11"
+        "Timed by its half-rise edge, the burst appears 20 (10 to 31) R☉ from the Sun at 1 MHz and 151 ("
     )
     assert "appears" not in summary_words("Half-rise edge", track(density_excess={"rows": [row(2.0, None, None)]}))
 
@@ -38,9 +38,9 @@ def test_distances_are_those_of_the_highest_and_lowest_frequency_that_have_one()
 def test_longitude_and_wind_have_their_errors_and_what_they_rest_on() -> None:
     words = summary_words("Gauss-Hermite edge", track(fused=FUSED))
     minus = "\N{MINUS SIGN}"
-    assert f"at {minus}28.6 ± 6.6° (95 %: {minus}41 to {minus}15°), in a wind of 440 ± 93 km/s" in words
+    assert f"at {minus}29° (68 %: {minus}35 to {minus}22°, 95 %: {minus}41 to {minus}15°), in a wind of 430 (" in words
     assert (
-        f"With wave directions and the wind measured in situ: {minus}29.6 ± 5.5°, in a wind of 420 ± 65 km/s." in words
+        f"With wave directions and the wind measured in situ: {minus}30°, in a wind of 420 (355 to 485) km/s." in words
     )
     assert words.endswith(RESTS_ON)
 

@@ -79,10 +79,10 @@ def page_of(tmp_path: Path) -> Callable[[dict[str, Any]], tuple[str, TestClient]
 def test_page_and_api_show_the_wind(page_of: Callable[[dict[str, Any]], tuple[str, TestClient]]) -> None:
     text, client = page_of(track_with(wind=WIND, footpoint={"regions": REGIONS}))
     for words in (
-        "330 ± 10 km/s at 30 R☉, 400 ± 10 km/s at 100 R☉, 450 ± 10 km/s at 150 R☉",
+        "330 (320 to 340) km/s at 30 R☉, 400 (390 to 410) km/s at 100 R☉, 450 (440 to 460) km/s at 150 R☉",
         "meets the Sun at 32°, 3° west of the spiral, within what their errors allow",
         "coronal hole CH1 at 34°, 0.99; active region 11494 at −16°, 0.01, outside the 95 % interval",  # noqa: RUF001
-        '<tr><th scope="row">WIND</th><td class="value">649</td><td class="value">594 ± 9</td>',
+        '<tr><th scope="row">WIND</th><td class="value">649</td><td class="value">594 (586 to 603)</td>',
         '<td class="value">108 → 35</td>',
         '<tr><th scope="row">PSP</th><td class="value">–</td><td class="value">–</td>',  # noqa: RUF001
         "Left out: sta.lst cannot be read.",

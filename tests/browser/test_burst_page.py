@@ -59,6 +59,7 @@ def test_both_figures_are_drawn(watch: Watch, burst_path: str) -> None:
 
 def test_hover_names_the_channel_and_its_errors(watch: Watch, burst_path: str) -> None:
     page = watch.open(burst_path)
+    page.evaluate("() => document.getElementById('constellation').scrollIntoView({block: 'center'})")
     x, y = page.evaluate(
         """() => {const t = document.getElementById('constellation').data.find(
             t => t.meta?.role === 'track' && t.meta.edge === 'gauss_hermite'); return [t.x[0], t.y[0]];}"""
@@ -163,10 +164,10 @@ def test_click_on_a_spectrum_chooses_its_frequency(watch: Watch, burst_path: str
 def test_a_track_that_is_switched_off_is_off_in_both_figures_and_in_the_address(watch: Watch, burst_path: str) -> None:
     page = watch.open(burst_path)
     count = """() => ['constellation', 'spectra'].map(id => document.getElementById(id).data.filter(
-        t => t.legendgroup === 'gauss_hermite' && t.visible !== 'legendonly').length)"""
+        t => t.legendgroup === 'half_maximum' && t.visible !== 'legendonly').length)"""
     assert min(page.evaluate(count)) >= 3
     page.locator("#constellation .legendtoggle").first.click()
-    page.wait_for_function("() => location.search.includes('hidden=gauss_hermite')")
+    page.wait_for_function("() => location.search.includes('hidden=half_maximum')")
     assert page.evaluate(count) == [0, 0]
     page.reload()
     page.wait_for_selector("body[data-drawn='2']")
@@ -215,7 +216,7 @@ def test_track_section_shows_both_figures_of_each_edge(watch: Watch, burst_path:
     for picture in pictures.all():
         picture.scroll_into_view_if_needed()
         page.wait_for_function("image => image.complete && image.naturalWidth > 500", arg=picture.element_handle())
-    expect(page.locator("table.methods").first).to_contain_text("29.0 ± 4.4")
+    expect(page.locator("table.methods").first).to_contain_text("13.0 (8.6 to 17.4)")
     watch.photograph("burst-track-section", full_page=True)
 
 
@@ -226,3 +227,23 @@ def test_dark_page_has_light_writing_in_its_figures(watch: Watch, burst_path: st
     channels = [int(part) for part in colour.removeprefix("rgb(").removesuffix(")").split(",")]
     assert min(channels) > 180
     watch.photograph("burst-dark", full_page=True)
+
+
+@pytest.mark.parametrize("watch", [LAPTOP, PHONE], indirect=True)
+def test_the_answer_is_the_first_thing_that_is_seen(watch: Watch, burst_path: str) -> None:
+    page = watch.open(burst_path)
+    answer = page.locator("#answer")
+    expect(answer).to_contain_text("13° W (9 to 17), 12 to 152 R_sun, wind 2000 km/s (1710 to 2380), grade A")
+    box = answer.bounding_box()
+    assert box is not None
+    assert box["y"] + box["height"] < 420
+    assert page.evaluate("document.documentElement.scrollWidth") <= page.viewport_size["width"]  # type: ignore[index]
+    watch.photograph(f"burst-answer-{page.viewport_size['width']}")  # type: ignore[index]
+
+
+def test_the_first_track_of_page_and_legend_is_the_preferred_one(watch: Watch, burst_path: str) -> None:
+    page = watch.open(burst_path)
+    expect(page.locator("details.edge[open] h3")).to_have_text("Half-maximum edge")
+    expect(page.locator("#selected-rows tr").first).to_contain_text("Half-maximum edge")
+    expect(page.locator("#selected-rows tr").first).to_contain_text(" to ")
+    expect(page.locator("table.versions .chip.good")).to_have_text("preferred")

@@ -10,6 +10,10 @@ def test_list_of_all_bursts(watch: Watch) -> None:
     page = watch.open("/")
     assert page.locator("table.bursts tbody tr").count() == 9
     expect(page.get_by_role("status")).to_contain_text("9 bursts")
+    first = page.locator("table.bursts tbody tr").first
+    expect(first.locator(".answer-cell")).to_contain_text("13° W (9 to 17)")
+    expect(first.locator(".grade")).to_have_text("A")
+    expect(page.locator("table.bursts tbody")).not_to_contain_text("speed not constrained")
     watch.photograph("catalogue", full_page=True)
 
 

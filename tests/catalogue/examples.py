@@ -2,9 +2,11 @@
 
 from dataclasses import replace
 from datetime import UTC, datetime, timedelta
+from math import isnan
 from typing import Any
 
 from bella.catalogue import Burst, Localisation, Publication, Series, SourceFile
+from bella.records import Interval, JointTrack, Moment, Parameter, Track
 
 START = datetime(2012, 6, 7, 19, 29, tzinfo=UTC)
 SERIES = Series("half_maximum", "posterior", "default", 2)
@@ -66,3 +68,30 @@ def publication(
         ),
         **changes,
     )
+
+
+def fitted(middle_deg: float = 26.0, half_width_deg: float = 4.5, tier: str = "final", **changes: Any) -> Track:
+    """Track with a longitude and a wind; without numbers where the middle is NaN."""
+
+    def parameter(middle: float, half_width: float) -> Parameter:
+        if isnan(middle):
+            return Parameter()
+        return Parameter(q16=middle - half_width, q50=middle, q84=middle + half_width, contraction=0.3)
+
+    said = {
+        "tier": tier,
+        "phi0_68": (Interval(low=20.0, high=80.0, probability=0.7),) if tier == "preliminary" else (),
+        "misfit_p": 0.4,
+        **changes,
+    }
+    joint = JointTrack(
+        model="joint",
+        rotation_period_d=25.38,
+        epoch_utc="2012-06-07T19:29:00Z",
+        phi0_deg=parameter(middle_deg, half_width_deg),
+        v_sw_km_s=parameter(590.0, 100.0),
+        beam_speed_c=parameter(0.2, 0.01),
+        release_utc=Moment(),
+        **said,
+    )
+    return Track(remark="apparent", rotation_period_d=25.38, joint=joint)

@@ -65,8 +65,9 @@ def test_other_inputs_or_code_make_the_next_version(catalogue: Catalogue, change
     assert (second.version, second.supersedes) == (2, first.solution_id)
     assert second.solution_id.endswith(".v2")
     assert catalogue.burst("T3-20120607-1929").solutions == (second,)
-    assert catalogue.versions("T3-20120607-1929") == (second, first)
-    assert catalogue.solution(first.solution_id) == first
+    superseded = replace(first, preferred=False)
+    assert catalogue.versions("T3-20120607-1929") == (second, superseded)
+    assert catalogue.solution(first.solution_id) == superseded
 
 
 def test_only_the_newest_version_counts_as_the_same(catalogue: Catalogue) -> None:
@@ -83,8 +84,8 @@ def test_only_the_newest_version_counts_as_the_same(catalogue: Catalogue) -> Non
 
 def test_series_count_their_versions_on_their_own_and_the_preferred_comes_first(catalogue: Catalogue) -> None:
     wanted = [
-        Series("half_maximum", "posterior", "default", 3),
         Series("half_maximum", "posterior", "default", 2),
+        Series("half_maximum", "posterior", "default", 3),
         Series("gauss_hermite", "posterior", "default", 2),
         Series("half_maximum", "posterior", "paper", 2),
         Series("gauss_hermite", "posterior", "bella-2024", 2),
@@ -93,6 +94,12 @@ def test_series_count_their_versions_on_their_own_and_the_preferred_comes_first(
     ]
     for series in reversed(wanted):
         assert catalogue.publish(publication(series=series)).version == 1
+    summary = catalogue.burst("T3-20120607-1929")
+    # the first that was published stays the preferred one
+    assert [one.series for one in summary.solutions] == [wanted[-1], *wanted[:-1]], (
+        "the first published stays preferred"
+    )
+    catalogue.prefer_by_rule("T3-20120607-1929")
     summary = catalogue.burst("T3-20120607-1929")
     assert [one.series for one in summary.solutions] == wanted
     assert summary.preferred == summary.solutions[0]

@@ -65,9 +65,10 @@ def test_only_flags_of_the_preferred_newest_solution_count(three: Catalogue) -> 
     assert ids(three, without) == ["B"]
     three.publish(publication("h2", of=at, flags=()))
     assert ids(three, without) == ["A", "B"]
-    three.publish(
-        publication("h3", of=at, series=Series("half_maximum", "posterior", "default", 3), flags=("two_modes",))
-    )
+    other = Series("half_maximum", "posterior", "default", 3)
+    three.publish(publication("h3", of=at, series=other, flags=("two_modes",)))
+    assert ids(three, without) == ["A", "B"]
+    three.prefer("A", other.name)
     assert ids(three, without) == ["B"]
     preferred = three.burst("A").preferred
     assert preferred is not None

@@ -13,6 +13,14 @@ def first_run(tmp_path_factory: pytest.TempPathFactory) -> tuple[Sandbox, "Compl
     return sandbox, sandbox.bella("run")
 
 
+@pytest.fixture(scope="session")
+def run_as_published(tmp_path_factory: pytest.TempPathFactory) -> Sandbox:
+    """The built-in event with the errors and the speed that the code of the paper had."""
+    sandbox = Sandbox.within(tmp_path_factory.mktemp("published"))
+    sandbox.bella("run", "--preset", "bella-2024")
+    return sandbox
+
+
 @pytest.fixture
 def sandbox(tmp_path: Path) -> Sandbox:
     return Sandbox.within(tmp_path)

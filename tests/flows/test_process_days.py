@@ -78,6 +78,9 @@ def test_bursts_of_a_day_are_placed_where_they_were(processed: Processed) -> Non
     with closing(catalogue_of(processed.sandbox)) as catalogue:
         for name in processed.day["localised"]:
             summary = catalogue.burst(name)
+            assert summary.preferred is not None
+            assert processed.day["answers"][name] == summary.preferred.answer.sentence
+            assert summary.preferred.series.edge == "half_rise"
             solution = next(one for one in summary.solutions if one.series.edge == "half_rise")
             rows = catalogue.localisations(solution.solution_id)
             truth = min(truths, key=lambda one: abs(utc(one.release_utc) - summary.burst.start_utc))

@@ -15,7 +15,7 @@ from alembic.runtime.migration import MigrationContext
 from alembic.script import ScriptDirectory
 from sqlalchemy import Engine, inspect
 
-from bella.catalogue import Catalogue
+from bella.catalogue import Catalogue, Series
 from bella.catalogue.engine import connect, parse_url, reading, writing
 from bella.catalogue.models import Base
 from bella.catalogue.schema import REVISION_TABLE, migration_config, revision_of
@@ -132,3 +132,35 @@ def test_alembic_on_its_own_finds_the_catalogue_of_the_settings(database_url: st
     subprocess.run([sys.executable, "-c", "\n".join(lines)], env=environment, check=True, cwd=Path(__file__).parents[2])
     with Catalogue.open(database_url) as catalogue:
         assert catalogue.revision() == REVISIONS[-1]
+
+
+def test_older_solutions_are_graded_and_every_burst_has_a_preferred_one(engine: Engine, database_url: str) -> None:
+    """Rows as revision 0002 has them: two series of one burst, the better one second, with a superseded version."""
+    joint = {
+        "phi0_deg": {"mean": -26.0, "sd": 8.0},
+        "v_sw_km_s": {"mean": 440.0, "sd": 93.0},
+        "flags": [],
+        "model": "x",
+    }
+    with Catalogue.open(database_url, create=True) as catalogue:
+        for inputs, preset, fit in (
+            ("h1", "paper", {"joint": joint}),
+            ("h2", "default", {"two_step": {"flags": []}}),
+            ("h3", "default", {"joint": joint, "rotation_period_d": 24.47}),
+        ):
+            series = Series("half_rise", "posterior", preset, 2)
+            catalogue.publish(publication(inputs, series=series, track_fit=fit))
+        before = catalogue.versions("T3-20120607-1929")
+    migrate(engine, "0002")
+    with pytest.raises(StoreError, match="older revision 0002"):
+        Catalogue.open(database_url)
+    with Catalogue.open(database_url, create=True) as catalogue:
+        after = {one.solution_id: one for one in catalogue.versions("T3-20120607-1929")}
+        preference = catalogue.burst("T3-20120607-1929").preference
+    assert {one.solution_id: one.answer for one in before} == {name: one.answer for name, one in after.items()}
+    newest = after["T3-20120607-1929.half_rise.posterior.default.2d.v2"]
+    assert newest.answer.sentence == "26° E (18 to 34), 21 R_sun, wind 440 km/s (350 to 530), grade B"
+    assert [one.solution_id for one in after.values() if one.preferred] == [newest.solution_id]
+    assert preference is not None
+    assert (preference.chosen_by, preference.series) == ("rule", newest.series)
+    assert after["T3-20120607-1929.half_rise.posterior.default.2d.v1"].answer.sentence.startswith("no track")

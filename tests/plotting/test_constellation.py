@@ -76,7 +76,7 @@ def test_an_edge_looks_the_same_whatever_is_drawn_with_it(figure: dict[str, Any]
 def test_hover_says_frequency_place_errors_area_and_that_the_speed_is_not_measured(figure: dict[str, Any]) -> None:
     (points,) = traces(figure, "track", "gauss_hermite")
     nearest = points["text"][-1]
-    assert nearest.startswith("2 MHz<br>12.0 ± ")
+    assert nearest.startswith("2 MHz<br>12.0 (2.5 to 21.5) R☉")
     assert "longitude" in nearest
     assert "68 % area" in nearest
     assert nearest.endswith("speed not constrained (contraction 0.99)")
