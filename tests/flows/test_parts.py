@@ -24,7 +24,7 @@ from bella.exceptions import BusyError, GeometryError, InputError, NoDataError, 
 from bella.flags import APPARENT_SOURCE
 from bella.multilateration import localise
 from bella.settings import Settings
-from bella.tracks import track_fit
+from bella.tracks.spiral import track_fit
 from flows import environment, progress
 from flows.inputs import load_burst
 from flows.publication import Draft, inputs_hash, publish, solution_flags

@@ -14,10 +14,9 @@ from bella.plotting.constellation import constellation_figure
 from bella.plotting.geometry import TrackView
 from bella.plotting.spiral_band import PERCENTS, SpiralBand, band_outline, spiral_band
 from bella.plotting.track import _draw_band
-from bella.tracks import JointModel
-from bella.tracks.published import joint_track, with_joint_draws
+from bella.tracks import fit_track, with_joint_draws
 from tests.plotting.synthetic import synthetic_posterior, synthetic_track_fit
-from tests.tracks.bursts import simulated, standard
+from tests.tracks.foreign import Burst
 
 OUTWARD = np.linspace(1.0, 215.0, 60)
 PERIOD_D = 25.38
@@ -44,8 +43,8 @@ def band_of(posterior: xr.Dataset) -> SpiralBand:
 
 def burst_band(seed: int, scale: float) -> SpiralBand:
     """Band of a simulated burst from 30 degrees with a wind of 400 km/s."""
-    grid = simulated(standard(JointModel(), 30.0, 400.0), JointModel(), np.random.default_rng(seed), scale)
-    return band_of(with_joint_draws(xr.Dataset(), joint_track(grid, PERIOD_D, 1000, seed)[1]))
+    grid = Burst(phi0_deg=30.0, v_sw_km_s=400.0).arrivals(np.random.default_rng(seed), sigma_s=4.0 * scale)
+    return band_of(with_joint_draws(xr.Dataset(), fit_track(grid, draws=1000, seed=seed)))
 
 
 def test_bands_of_simulated_bursts_hold_the_true_spiral_as_often_as_they_say() -> None:

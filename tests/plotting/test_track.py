@@ -13,7 +13,8 @@ from bella.exceptions import InputError
 from bella.plotting import write_density_png, write_polar_fit_png
 from bella.plotting.geometry import polar_track
 from bella.plotting.track import _draw_ellipses, _draw_fits, _draw_models, _without_jumps
-from bella.tracks import piecewise_fit, scattering_models, track_fit
+from bella.tracks.scattering import scattering_models
+from bella.tracks.spiral import piecewise_fit, track_fit
 from tests.plotting.synthetic import synthetic_posterior
 
 ORANGE = np.array([0xD9, 0x5F, 0x02]) / 255.0

@@ -6,7 +6,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 import xarray as xr
-from bella.tracks.wave_directions import wave_directions
 
 from bella.simulation.archive_days import write_spectra
 from bella.simulation.burst import SimulatedBurst, source_position_rsun
@@ -15,6 +14,7 @@ from bella.simulation.instruments import instruments
 from bella.simulation.sky import Sky
 from bella.spacecraft import position_hee
 from bella.spectra import open_spectra
+from bella.tracks.directions import wave_directions
 
 DAY = date(2012, 6, 7)
 RELEASE = np.datetime64("2012-06-07T19:20", "ns")

@@ -17,10 +17,17 @@ from bella.heliosphere import (
     spiral_longitude_deg,
 )
 from bella.records import JointTrack, Moment, Parameter
-from bella.tracks import apparent_over_true, density_excess, scattering_models
 from bella.tracks.fit import TrackFit
 from bella.tracks.model import Track, TrackModel
-from bella.tracks.scattering import TABLE, corrected_spiral, density_companion, scattering_companion
+from bella.tracks.scattering import (
+    TABLE,
+    apparent_over_true,
+    corrected_spiral,
+    density_companion,
+    density_excess,
+    scattering_companion,
+    scattering_models,
+)
 
 LEBLANC = DENSITY_MODELS["leblanc"]
 HARMONIC_OF = {"fundamental": 1, "harmonic": 2}

@@ -14,8 +14,17 @@ from bella.exceptions import GeometryError, InputError
 from bella.flags import TRACK_FLAGS
 from bella.heliosphere import PAPER_FIGURES_ROTATION_D, SIDEREAL_ROTATION_D, spiral_longitude_deg
 from bella.multilateration import localise
-from bella.tracks import Segment, Spiral, fit_spiral, piecewise_fit, track_fit
-from bella.tracks.spiral import BrokenLine, Points, fit_broken_line, polar_points
+from bella.tracks.spiral import (
+    BrokenLine,
+    Points,
+    Segment,
+    Spiral,
+    fit_broken_line,
+    fit_spiral,
+    piecewise_fit,
+    polar_points,
+    track_fit,
+)
 from tests.plotting.synthetic import synthetic_posterior
 
 RANGE_RSUN = np.geomspace(15.0, 152.0, 40)

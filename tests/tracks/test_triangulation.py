@@ -12,7 +12,7 @@ from scipy.spatial.transform import Rotation
 
 from bella.exceptions import InputError
 from bella.heliosphere import spiral_position_rsun
-from bella.tracks import DirectionTerms, check_directions, direction_terms
+from bella.tracks.directions import DirectionTerms, check_directions, direction_terms
 from bella.tracks.triangulation import triangulate, triangulation_companion
 
 AU = 215.0
