@@ -23,6 +23,8 @@ LOCALISATION_FLAGS = {
     "answer is the prior.",
     "position_not_constrained": "Along some direction the position is wider than 0.9 of its prior: there the answer "
     "is the prior.",
+    "prior_dominated": "The prior of the position moves the mean by more than half a standard deviation: where the "
+    "source is said to be depends on where sources were assumed to be.",
     "multimodal": "Several separate positions explain the arrival times; mean and covariance describe none of them.",
     "arrivals_inconsistent": "No source explains the arrival times within their errors: one of them, or its error, is "
     "wrong, and the position means nothing.",

@@ -33,6 +33,11 @@ class DirectionalDelay:
     kappa: float
     kappa_sd: float
 
+    @property
+    def is_free(self) -> bool:
+        """Whether there is any delay at all."""
+        return self.kappa != 0 or self.kappa_sd > 0
+
 
 NO_DELAY = DirectionalDelay(0.0, 0.0)
 LITERATURE_DELAY = DirectionalDelay(0.1, 0.12)

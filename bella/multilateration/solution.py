@@ -120,6 +120,8 @@ def _inputs(grid: ArrivalGrid) -> dict[str, Variable]:
     return {
         "arrival_s": (of_receiver, grid.arrival_s, {"units": "s", "long_name": "arrival time after reference_time"}),
         "sigma_s": (of_receiver, grid.sigma_s, {"units": "s", "long_name": "timing error used"}),
+        "shape_sd_s": (of_receiver, grid.shape_sd_s, {"units": "s", "long_name": "error smooth along frequency"}),
+        "rise_s": (of_receiver, grid.rise_s, {"units": "s", "long_name": "half width of the rise"}),
         "delay_s": (of_receiver, grid.delay_s, {"units": "s", "long_name": "delay beyond light travel, taken off"}),
         "delay_sd_s": (of_receiver, grid.delay_sd_s, {"units": "s", "long_name": "uncertainty of that delay"}),
         "offset_sd_s": (
@@ -154,6 +156,10 @@ def _provenance(grid: ArrivalGrid, recipe: Recipe) -> dict[str, object]:
         "edge": grid.edge,
         "dimensions": recipe.dimensions,
         "tau_rsun": priors.tau_rsun,
+        "position_prior_power": priors.power,
+        "position_prior_sd_rsun": priors.position_sd_rsun(recipe.dimensions),
+        "kappa_prior": recipe.preset.delay.kappa,
+        "kappa_prior_sd": recipe.preset.delay.kappa_sd,
         "v_prior_sd_over_c": priors.v_sd_c,
         "v_max_over_c": priors.v_max_c,
         "bad_arrival_probability": recipe.preset.noise.bad_probability,
