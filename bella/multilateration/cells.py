@@ -32,12 +32,15 @@ BOX_NATS = 18.0
 """The first box reaches to where the prior of the position has fallen by so much."""
 FIRST_CELLS = 16
 """Cells per axis at the start."""
-DROP_NATS = 11.0
+DROP_NATS = 13.0
 """A cell is dropped when its bound is this far below the best density."""
+BELOW_NATS, BELOW_NATS_OF_MIXTURE = 14.5, 17.0
+"""A final cell is dropped when its density is this far below; noise with bad arrival times has longer tails. Standard
+deviations then hold to 5e-4 against brute force."""
 FINE_NATS = 8.0
 """Cells whose bound is within this of the best density decide when to stop; near the Sun or a receiver, where the bound
 says little, those whose centre is."""
-TOLERANCE = 1.15
+TOLERANCE = 1.05
 """Longest edge of a final cell, in local standard deviations. Moments hold to 1e-4 with edges half as long again; it is
 the draws, spread evenly within a cell, that want smaller ones."""
 LOG_SLACK = 0.3
@@ -119,7 +122,7 @@ def divide(problems: Problems, *, tolerance: float = TOLERANCE, drop_nats: float
     tolerance : float
         Longest edge of a final cell, in local standard deviations.
     drop_nats : float
-        A cell is dropped when its bound, or the density in a final cell, is this far below the best density.
+        A cell is dropped when its bound is this far below the best density.
 
     Returns
     -------
@@ -145,7 +148,7 @@ def divide(problems: Problems, *, tolerance: float = TOLERANCE, drop_nats: float
         done.append(_pick(lattice, value, final & (deficit < drop_nats)))
         lattice = _divided(lattice, (deficit < drop_nats) & ~final, parts)
         _check_budget(lattice, problems.components)
-    return _gathered(done, best - drop_nats, problems)
+    return _gathered(done, drop_nats, problems)
 
 
 def _level(lattice: Lattice, problems: Problems) -> tuple[FloatArray, FloatArray, FloatArray, BoolArray]:
@@ -265,19 +268,22 @@ def _pick(lattice: Lattice, value: FloatArray, chosen: BoolArray) -> tuple[Latti
     return Lattice(lattice.index[:, chosen], lattice.owner[chosen], lattice.side, lattice.origin), value[chosen]
 
 
-def _gathered(done: list[tuple[Lattice, FloatArray]], lowest: FloatArray, problems: Problems) -> Cells:
-    """Final cells whose density is above the lowest of their problem, in the order of their problems.
+def _gathered(done: list[tuple[Lattice, FloatArray]], drop_nats: float, problems: Problems) -> Cells:
+    """Final cells in the order of their problems, without those far below the best of them.
 
     The last lattice knows the final size of every problem's.
     """
     last = done[-1][0]
     owner = np.concatenate([part.owner for part, _ in done])
-    order = np.argsort(owner, kind="stable")
-    order = order[np.concatenate([value for _, value in done])[order] > lowest[owner[order]]]
-    if np.bincount(owner[order], minlength=problems.count).min() == 0:
+    if np.bincount(owner, minlength=problems.count).min() == 0:
         raise ConvergenceError(
             "no position explains the arrival times within sigma_s; check them, give larger sigma_s, or leave it out"
         )
+    order = np.argsort(owner, kind="stable")
+    value = np.concatenate([value for _, value in done])[order]
+    below = drop_nats - DROP_NATS + (BELOW_NATS if problems.components == 1 else BELOW_NATS_OF_MIXTURE)
+    lowest = _highest(value, owner[order], problems.count) - below
+    order = order[value > lowest[owner[order]]]
     lattice = Lattice(
         np.concatenate([part.index for part, _ in done], axis=1)[:, order], owner[order], last.side, last.origin
     )

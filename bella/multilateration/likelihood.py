@@ -483,8 +483,8 @@ class Survey:
     distance : ndarray, shape (n, *S)
         From each receiver, solar radii.
     sharpness : ndarray, shape (*S)
-        Root of the trace of the information on x that the data carry, nuisances marginalised, 1/solar radius. That of
-        the component without bad arrivals, which has the most.
+        Root of the trace of the information on x that the data carry, nuisances marginalised, 1/solar radius, for
+        the likeliest component of the noise.
     """
 
     log_density: FloatArray
@@ -510,20 +510,30 @@ def survey(problems: Problems, points: FloatArray) -> Survey:
     """
     distance, late = paths(problems, points)
     g = _integrals(problems, distance, late)
-    slopes = _slopes(problems, points, g, distance, late)
-    return Survey(*_density(problems, points, g), distance, np.sqrt(np.maximum(_information(problems, g, slopes), 0)))
+    log_density, misfit, log_det = _density(problems, points, g)
+    likeliest = log_density.argmax(axis=0)[None]
+    slopes = _slopes(problems, points, distance, late, _of(likeliest, (g.uu * g.k - g.uk * g.u) / g.determinant))
+    information = _of(likeliest, _information(problems, g, slopes))
+    return Survey(log_density, misfit, log_det, distance, np.sqrt(np.maximum(information, 0)))
+
+
+def _of(component: IntArray, values: FloatArray) -> FloatArray:
+    """Value of one component of the noise for each point, shape (*S)."""
+    return values[0] if len(values) == 1 else np.asarray(np.take_along_axis(values, component, axis=0)[0])
 
 
 def _slopes(
-    problems: Problems, points: FloatArray, g: _Integrals, distance: FloatArray, late: FloatArray | None
+    problems: Problems, points: FloatArray, distance: FloatArray, late: FloatArray | None, moved: FloatArray
 ) -> list[FloatArray]:
-    """Change of the arrival time at each receiver with each coordinate of the source, shape (n, *S)."""
+    """Change of the arrival time at each receiver with each coordinate of the source, shape (n, *S).
+
+    For a kappa that has moved by some standard deviations from the mean of its prior.
+    """
     near = np.maximum(distance, NEAR_RSUN)
     u0 = problems.priors.slowness_mean
     if late is None:
         return [u0 * (points[axis] - problems.receivers[axis]) / near for axis in range(problems.dimensions)]
-    moved = np.clip(((g.uu * g.k - g.uk * g.u) / g.determinant)[0], -RANGE_SD, RANGE_SD)
-    kappa = problems.delay.kappa + problems.delay.kappa_sd * moved
+    kappa = problems.delay.kappa + problems.delay.kappa_sd * np.clip(moved, -RANGE_SD, RANGE_SD)
     radius = np.maximum(np.sqrt(_squared(points)), NEAR_RSUN)
     # 1 - cos changes as one direction turns towards the other: by the part of each across the other over its distance
     cosine = problems.rise_s - late
@@ -536,19 +546,17 @@ def _slopes(
 
 
 def _information(problems: Problems, g: _Integrals, slopes: list[FloatArray]) -> FloatArray:
-    """Trace of J^T (1 + M M^T)^-1 J for the whitened slopes J, of the first component, shape (*S)."""
-    good = problems if problems.components == 1 else replace(problems, whitening=problems.whitening[:1])
+    """Trace of J^T (1 + M M^T)^-1 J for the whitened slopes J, shape (K, *S)."""
     whole = np.zeros(())
-    uu, determinant = g.uu[0], g.determinant[0]
     for slope in slopes:
-        white = _whitened(good, slope)
-        u = _product(g.travel[:1], white)[0]
-        whole = whole + _product(white, white)[0]
+        white = _whitened(problems, slope)
+        u = _product(g.travel, white)
+        whole = whole + _product(white, white)
         if g.late is None:
-            whole = whole - u * u / uu
+            whole = whole - u * u / g.uu
         else:
-            k = _product(g.late[:1], white)[0]
-            whole = whole - (g.kk[0] * u * u - 2 * g.uk[0] * u * k + uu * k * k) / determinant
+            k = _product(g.late, white)
+            whole = whole - (g.kk * u * u - 2 * g.uk * u * k + g.uu * k * k) / g.determinant
     return np.asarray(whole)
 
 
