@@ -29,6 +29,8 @@ LOCALISATION_FLAGS = {
     "arrivals_inconsistent": "No source explains the arrival times within their errors: one of them, or its error, is "
     "wrong, and the position means nothing.",
     "bad_arrival": "An arrival time is more likely bad than good, and the solution does without it.",
+    "clock_offset": "The clock of a spacecraft is off by more than three standard deviations, over all frequencies of "
+    "the burst: the solution says which one, or which few may be it, and by how much.",
     "two_roots": "Two positions explain the arrival times exactly; the one nearer the Sun is given.",
     "no_exact_root": "No position explains the arrival times as exactly as it should: with few receivers noise can do "
     "that. The position is that of the least misfit, and its error is limited by the region that was searched.",

@@ -154,7 +154,7 @@ def divide(problems: Problems, *, tolerance: float = TOLERANCE, drop_nats: float
 def _level(lattice: Lattice, problems: Problems) -> tuple[FloatArray, FloatArray, FloatArray, BoolArray]:
     """Log density of all components together at the centres, its bound in each cell, the sharpness, each (M,).
 
-    And which cells are near the Sun or a receiver.
+    And which cells are small, and near the Sun or a receiver.
     """
     centres, reach = lattice.centres, lattice.half_diagonal[lattice.owner]
     value, bound, sharp = (np.empty_like(reach) for _ in range(3))
@@ -165,7 +165,7 @@ def _level(lattice: Lattice, problems: Problems) -> tuple[FloatArray, FloatArray
         # only a largest speed can change the density much against the bound
         value[some] = _whole_density(here, points) if here.priors.is_truncated else mixed(seen.log_density)
         nearest = np.minimum(np.sqrt((points**2).sum(axis=0)), seen.distance.min(axis=0))
-        near[some] = nearest < NEAR_RSUN + reach[some]
+        near[some] = (nearest < NEAR_RSUN + reach[some]) & (reach[some] < NEAR_RSUN)
         bound[some] = _upper_bound(here, points, reach[some], seen)
         sharp[some] = np.hypot(seen.sharpness, 1 / here.priors.tau_rsun)
     return value, bound, sharp, near
@@ -238,7 +238,8 @@ def _parts(lattice: Lattice, sharp: FloatArray, high: BoolArray, tolerance: floa
     """In how many parts along each axis the cells of each problem are to be divided, shape (B,); 1: they are final."""
     sharpest = _highest(sharp[high], lattice.owner[high], lattice.side.size)
     exact = np.ceil(np.where(np.isfinite(sharpest), sharpest, np.inf) * lattice.side / tolerance / OVERSIZE)
-    return np.where(exact <= MOST_PARTS, exact, 2).astype(np.intp)
+    parts = np.where(exact <= MOST_PARTS, exact, 2)
+    return np.where(np.bincount(lattice.owner, minlength=parts.size) > 0, parts, 1).astype(np.intp)
 
 
 def _divided(lattice: Lattice, chosen: BoolArray, parts: IntArray) -> Lattice:

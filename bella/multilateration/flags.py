@@ -45,6 +45,7 @@ def flags_of(posterior: xr.Dataset, remarks: Sequence[str] = ()) -> list[str]:
         "multimodal": posterior["modes"] > 1,
         "arrivals_inconsistent": posterior["misfit"] > _largest_misfit(posterior),
         "bad_arrival": posterior["bad_probability"].max("observatory") > LIKELY_BAD,
+        "clock_offset": np.full(posterior.sizes["frequency"], bool(posterior.attrs["clock_offset"])),
         "few_effective_draws": posterior["draw_ess"] < 0.5 * posterior.sizes["draw"],
     }
     table = {name: np.asarray(where) for name, where in raised.items()}

@@ -99,9 +99,10 @@ def sample_frequency(grid: ArrivalGrid, row: int, recipe: Recipe) -> Draws:
     trace = _run(_compiled(shape).with_data(**_inputs(grid, row, heard, offset, shape)), recipe, row)
     names = parameters(recipe.dimensions)
     effective = _effective(trace, float(grid.frequency_mhz[row]), names)
-    *position, emission, v, kappa = (
-        trace.posterior[name].to_numpy().ravel()[-recipe.draws :] for name in (*names, "kappa")
-    )
+    *position, emission, v = (trace.posterior[name].to_numpy().ravel()[-recipe.draws :] for name in names)
+    kappa = np.full_like(v, shape.delay.kappa)
+    if shape.delay.kappa_sd:
+        kappa = trace.posterior["kappa"].to_numpy().ravel()[-recipe.draws :]
     return Draws(np.stack(position, axis=-1), emission + offset, v, kappa, np.asarray(effective))
 
 
@@ -128,12 +129,14 @@ def _inputs(grid: ArrivalGrid, row: int, heard: Any, offset: float, shape: Model
     stated = grid.covariances_s2()[row][np.ix_(heard, heard)]
     sets = shape.noise.bad_sets(shape.receivers)
     root = np.linalg.cholesky(stated + sets[:, :, None] * shape.noise.bad_sd_s**2 * np.eye(shape.receivers))
-    return {
+    inputs = {
         "receiver_rsun": grid.receiver_rsun[row, heard],
         "arrival_s": (grid.arrival_s - grid.delay_s)[row, heard] - offset,
         "whitening": np.linalg.inv(root),
-        "rise_s": grid.rise_s[row, heard],
     }
+    if shape.delay.is_free:
+        inputs["rise_s"] = grid.rise_s[row, heard]
+    return inputs
 
 
 @lru_cache(maxsize=16)
@@ -162,7 +165,6 @@ def build_model(shape: ModelShape) -> Any:
     with pm.Model() as model:
         receiver = pm.Data("receiver_rsun", np.eye(shape.receivers, 3) * 200.0)
         arrival = pm.Data("arrival_s", np.zeros(shape.receivers))
-        rise = pm.Data("rise_s", np.ones(shape.receivers))
         sets = shape.noise.bad_sets(shape.receivers)
         whitening = pm.Data("whitening", np.broadcast_to(np.eye(shape.receivers), (len(sets), *2 * [shape.receivers])))
         v = pm.Deterministic("v_over_c", 1.0 + priors.v_sd_c * _speed_scaled(pm, priors))
@@ -172,9 +174,11 @@ def build_model(shape: ModelShape) -> Any:
         towards = [receiver[:, i] - source[i] for i in range(3)]
         distance = pm.math.sqrt(sum(axis**2 for axis in towards))
         expected = emission + distance / (v * C_RSUN_S)
-        scaled = pm.Normal("kappa_scaled") if delay.kappa_sd else 0.0
-        kappa = pm.Deterministic("kappa", delay.kappa + delay.kappa_sd * scaled)
+        kappa = delay.kappa
+        if delay.kappa_sd:
+            kappa = pm.Deterministic("kappa", delay.kappa + delay.kappa_sd * pm.Normal("kappa_scaled"))
         if delay.is_free:
+            rise = pm.Data("rise_s", np.ones(shape.receivers))
             radius = pm.math.sqrt(sum(axis**2 for axis in source))
             cosine = sum(source[i] * towards[i] for i in range(3)) / (radius * distance)
             expected = expected + kappa * rise * (1 - cosine)

@@ -9,6 +9,7 @@ import xarray as xr
 import bella
 from bella.arrivals import ArrivalGrid
 from bella.flags import APPARENT_SOURCE
+from bella.multilateration.clocks import check_clocks
 from bella.multilateration.draws import Draws
 from bella.multilateration.flags import flags_of
 from bella.multilateration.priors import Preset
@@ -45,7 +46,7 @@ def solution_dataset(grid: ArrivalGrid, posterior: Posterior, recipe: Recipe) ->
         Draws (frequency, draw, parameter) and, for each frequency, mean, covariance, mode, areas and outlines of the
         68 and 95 % regions, contractions, evidence, flags, and the arrival times they came from.
     """
-    of_receiver, predictive_p = of_receivers(grid, posterior)
+    of_receiver, predictive_p = of_receivers(grid, posterior, recipe.preset)
     summary = summarise(grid, posterior, recipe.preset) | {"predictive_p": predictive_p}
     dataset = xr.Dataset(
         _named("frequency", summary)
@@ -57,6 +58,10 @@ def solution_dataset(grid: ArrivalGrid, posterior: Posterior, recipe: Recipe) ->
         coords=_coordinates(grid, recipe.dimensions),
         attrs=_provenance(grid, recipe),
     )
+    check = check_clocks(grid, posterior.moments.mean, recipe.preset.priors, recipe.preset.delay)
+    dataset["clock_offset_s"] = ("observatory", check.offset_s, _described("clock_offset_s"))
+    dataset["clock_offset_sd_s"] = ("observatory", check.offset_sd_s, _described("clock_offset_sd_s"))
+    dataset.attrs["clock_offset"] = check.message
     dataset["flags"] = (
         "frequency",
         np.array(flags_of(dataset, posterior.remarks), dtype=str),

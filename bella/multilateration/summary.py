@@ -6,6 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from bella.arrivals import ArrivalGrid
+from bella.multilateration.clocks import SHIFT_S, clock_shift_rsun
 from bella.multilateration.draws import Draws
 from bella.multilateration.likelihood import evaluate, problems_of
 from bella.multilateration.moments import Moments
@@ -63,6 +64,12 @@ VARIABLES = {
     "draw_ess": ("1", "effective number of draws"),
     "residual_s": ("s", "arrival time less posterior prediction"),
     "residual_p": ("1", "posterior predictive p-value of the residual"),
+    "clock_offset_s": ("s", "how late the receiver is at all frequencies, if it alone is"),
+    "clock_offset_sd_s": ("s", "standard deviation of that"),
+    **{
+        f"clock_shift_{axis}_rsun": ("Rsun", f"move of {axis} if the clock of the receiver were {SHIFT_S:g} s late")
+        for axis in AXES
+    },
     "bad_probability": ("1", "posterior probability that the arrival time is bad"),
     "mode_weight": ("1", "share of the probability in the basin of each mode, largest first"),
     "mode_mean_rsun": ("Rsun", "mean position in the basin of each mode"),
@@ -140,13 +147,14 @@ def _misfit(grid: ArrivalGrid, posterior: Posterior, preset: Preset) -> FloatArr
     return np.asarray(np.take_along_axis(local.misfit, likeliest[None], axis=0)[0])
 
 
-def of_receivers(grid: ArrivalGrid, posterior: Posterior) -> tuple[dict[str, FloatArray], FloatArray]:
+def of_receivers(grid: ArrivalGrid, posterior: Posterior, preset: Preset) -> tuple[dict[str, FloatArray], FloatArray]:
     """Residuals of each receiver, shape (F, n), and the predictive p-value of each frequency, shape (F,).
 
     Parameters
     ----------
     grid : ArrivalGrid
     posterior : Posterior
+    preset : Preset
 
     Returns
     -------
@@ -155,6 +163,9 @@ def of_receivers(grid: ArrivalGrid, posterior: Posterior) -> tuple[dict[str, Flo
     check = predictive_check(grid, posterior.draws, posterior.moments.bad_probability)
     bad = np.where(np.isfinite(grid.arrival_s), posterior.moments.bad_probability, np.nan)
     columns = {"residual_s": check.residual_s, "residual_p": check.receiver_p, "bad_probability": bad}
+    moments = posterior.moments
+    shift = clock_shift_rsun(grid, moments.mean, moments.covariance, preset.priors, preset.delay)
+    columns |= {f"clock_shift_{axis}_rsun": shift[..., i] for i, axis in enumerate(AXES[: shift.shape[-1]])}
     return columns, check.burst_p
 
 
