@@ -11,13 +11,18 @@ from bella.multilateration import localise
 from bella.multilateration.cells import TOLERANCE, divide
 from bella.multilateration.likelihood import GAUSSIAN, problems_of
 from bella.multilateration.moments import Moments, moments_of
-from bella.multilateration.priors import Noise, Preset, Priors
+from bella.multilateration.priors import PRESETS, Noise, Preset, Priors
 from bella.multilateration.regions import Region, regions_of
 from bella.units import AU_RSUN, C_RSUN_S, R_SUN_KM
 
 REFERENCE_UTC = np.datetime64("2012-06-07T19:00:00", "ns")
 NARROW, WIDE = Priors(), Priors(v_sd_c=0.1)
 PLAIN = Preset("plain", NARROW, "table")
+ROBUST, FREE, BELOW_C = (
+    Preset("robust", NARROW, "table", noise=PRESETS["robust"].noise),
+    Preset("free-speed", WIDE, "table"),
+    Preset("subluminal", Priors(v_sd_c=0.1, v_max_c=1.0), "table"),
+)
 
 
 def polar(range_rsun: float, longitude_deg: float) -> np.ndarray:
