@@ -91,7 +91,7 @@ class ArrivalGrid:
     offset_sd_s: FloatArray = field(default_factory=partial(np.zeros, ()))
     delay_s: FloatArray = field(default_factory=partial(np.zeros, ()))
     delay_sd_s: FloatArray = field(default_factory=partial(np.zeros, ()))
-    rise_s: FloatArray | None = None
+    rise_s: FloatArray = None  # type: ignore[assignment]  # filled in below
     shape_length_ln_f: float = SHAPE_LENGTH_LN_F
     measured_s2: FloatArray | None = None
 

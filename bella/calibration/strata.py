@@ -6,6 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from bella.exceptions import InputError
+from bella.heliosphere.scattering import NO_DELAY, DirectionalDelay
 from bella.multilateration.priors import PRESETS, Noise, Priors
 from bella.units import AU_RSUN, FloatArray
 
@@ -65,6 +66,7 @@ class Stratum:
     noise : Noise
     offset_sd_s : float
         Standard deviation of the timing offset of each receiver, s.
+    delay : DirectionalDelay
     misfit : Misfit or None
         None where truth and fitted model are the same.
     """
@@ -77,6 +79,7 @@ class Stratum:
     priors: Priors = DEFAULT.priors
     noise: Noise = DEFAULT.noise
     offset_sd_s: float = 0.0
+    delay: DirectionalDelay = NO_DELAY
     misfit: Misfit | None = None
 
     @property
@@ -100,6 +103,8 @@ class Stratum:
             parts.append(f"{100 * self.noise.bad_probability:g} % bad arrival times")
         if self.offset_sd_s:
             parts.append(f"offsets of {self.offset_sd_s:g} s")
+        if self.delay.is_free:
+            parts.append(f"directional delay {self.delay.kappa:g} ± {self.delay.kappa_sd:g} of the rise")
         return ", ".join(parts)
 
 
@@ -119,6 +124,8 @@ STRATA = (
     Stratum("four-offsets", 4, 116.0, 7.0, offset_sd_s=20.0),
     Stratum("four-robust", 4, 116.0, 38.0, noise=ROBUST),
     Stratum("four-subluminal", 4, 116.0, 38.0, priors=SUBLUMINAL),
+    Stratum("wide-delay", 3, 116.0, 7.0, delay=DEFAULT.delay),
+    Stratum("four-delay", 4, 116.0, 7.0, delay=DEFAULT.delay),
     Stratum("five-sharp", 5, 116.0, 7.0),
     Stratum("five-speed", 5, 116.0, 7.0, priors=FREE_SPEED),
     Stratum("five-subluminal", 5, 116.0, 7.0, priors=SUBLUMINAL),

@@ -212,7 +212,9 @@ def _upper_bound(here: Problems, centres: FloatArray, reach: FloatArray, seen: S
     largest_kappa = abs(delay.kappa) + RANGE_SD * delay.kappa_sd
     # no more than the whole way towards every receiver and the whole turn; or the slope, which itself changes by a turn
     anywhere = here.steepest * (slowest * reach + largest_kappa * np.minimum(late * reach, 2 * here.rise_s.max(axis=0)))
-    bend = here.steepest * (slowest * travel + largest_kappa * late * (travel + reach / np.maximum(inner, NEAREST_RSUN)))
+    bend = here.steepest * (
+        slowest * travel + largest_kappa * late * (travel + reach / np.maximum(inner, NEAREST_RSUN))
+    )
     from_slope = np.where(np.minimum(radius, seen.distance.min(axis=0)) < NEAR_RSUN, np.inf, seen.sharpness + bend)
     change = np.minimum(anywhere, from_slope * reach)
     lowest = np.maximum(np.sqrt(np.maximum(seen.misfit, 0)) - change, 0) ** 2
@@ -222,9 +224,7 @@ def _upper_bound(here: Problems, centres: FloatArray, reach: FloatArray, seen: S
     return bound + priors.log_position(inner**2) + LOG_SLACK - priors.log_share_allowed
 
 
-def _largest_turns(
-    here: Problems, reach: FloatArray, inner: FloatArray, seen: Survey
-) -> tuple[FloatArray, FloatArray]:
+def _largest_turns(here: Problems, reach: FloatArray, inner: FloatArray, seen: Survey) -> tuple[FloatArray, FloatArray]:
     """Largest turn of the direction to a receiver within each cell, and change of a delay per way, s per solar radius.
 
     Directions turn by no more than the way over the distance.
@@ -291,8 +291,6 @@ def _gathered(done: list[tuple[Lattice, FloatArray]], drop_nats: float, problems
     centres = lattice.centres
     parts = [evaluate(problems.at(one), centres[:, some]) for some, one in blocks(lattice.owner)]
     local = Local(
-        **{
-            name: np.concatenate([getattr(part, name) for part in parts], axis=1) for name in Local.__dataclass_fields__
-        }
+        **{name: np.concatenate([getattr(part, name) for part in parts], axis=1) for name in Local.__dataclass_fields__}
     )
     return Cells(lattice.index, lattice.owner, last.side, last.origin, local, speed_moments(local, problems.priors))

@@ -1,4 +1,4 @@
-"""Clocks of receivers: is one off, and what would it do to the positions?
+"""Clocks of receivers: whether one is off, and what an offset does to the positions.
 
 Where more receivers heard a burst than a position takes, an offset that a receiver has at all frequencies shows. Its
 size is that of generalised least squares over all arrival times of the burst, around the positions found: with r the
@@ -9,28 +9,27 @@ receiver at a time is taken to be off; of two that explain the times nearly as w
 
 from dataclasses import dataclass, replace
 
-import erfa
 import numpy as np
+from astropy.time import Time
 
 from bella.arrivals import ArrivalGrid
 from bella.heliosphere.scattering import DirectionalDelay, one_minus_cosine
+from bella.multilateration.likelihood import IntArray
 from bella.multilateration.priors import Priors
-from bella.units import FloatArray
+from bella.units import DAY_S, FloatArray
 
 SIGNIFICANT_SD = 3.0
 """An offset of so many of its standard deviations is flagged."""
 ALIKE_CHI2 = 4.0
 """Receivers whose offsets lower chi-squared by so much less than the best one's, two standard deviations, may be it."""
 FREQUENCIES = 40
-"""Most frequencies that are used: more lower the error of an offset by little, since errors are smooth along frequency."""
+"""Most frequencies that are used: more lower the error of an offset by little."""
 STEPS = 3
 """Positions are found again so often without the offset; 69 s move them so far that distances are no longer linear."""
 EMISSION_SD_S = 1e4
 """Standard deviation of the free emission time of each frequency: so large that it says nothing."""
 SHIFT_S = 10.0
 """Offset for which the move of a position is stated."""
-TT_LESS_TAI_S = 32.184
-"""Terrestrial Time is ahead of International Atomic Time by this."""
 
 
 @dataclass(frozen=True)
@@ -102,7 +101,9 @@ def _fitted(
     precision = np.einsum("ni,nm,mi->i", indicator, inverse, indicator, optimize=True)
     offset_s = indicator.T @ inverse @ residual / precision
     weighted = inverse @ (residual - late_s[column])
-    moved = np.stack([np.bincount(row, prior_rsun2 * axis * weighted, len(position)) for axis in slope.T], axis=1)
+    moved: FloatArray = np.stack(
+        [np.bincount(row, prior_rsun2 * axis * weighted, len(position)) for axis in slope.T], axis=1
+    )
     return moved, offset_s, 1 / np.sqrt(precision)
 
 
@@ -127,7 +128,7 @@ def _linearised(
     return travel_s, delay_s, np.stack(slopes, axis=-1)
 
 
-def _message(grid: ArrivalGrid, suspects: FloatArray, offset_s: FloatArray, offset_sd_s: FloatArray) -> str:
+def _message(grid: ArrivalGrid, suspects: IntArray, offset_s: FloatArray, offset_sd_s: FloatArray) -> str:
     """Which clocks may be off, the likeliest first."""
     order = suspects[np.argsort(-np.abs(offset_s[suspects] / offset_sd_s[suspects]))]
     ahead_s = _tt_less_utc(grid.reference_utc)
@@ -143,8 +144,8 @@ def _message(grid: ArrivalGrid, suspects: FloatArray, offset_s: FloatArray, offs
 
 def _tt_less_utc(time_utc: np.datetime64) -> float:
     """Terrestrial Time less UTC at some time, s: 69.184 since 2017."""
-    year, month, day = (int(part) for part in str(time_utc.astype("datetime64[D]")).split("-"))
-    return TT_LESS_TAI_S + float(erfa.dat(year, month, day, 0.0))
+    utc = Time(np.datetime_as_string(time_utc, unit="s"), scale="utc")
+    return float((utc.tt.jd1 - utc.jd1) + (utc.tt.jd2 - utc.jd2)) * DAY_S
 
 
 def clock_shift_rsun(

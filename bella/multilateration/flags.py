@@ -40,7 +40,8 @@ def flags_of(posterior: xr.Dataset, remarks: Sequence[str] = ()) -> list[str]:
         "speed_not_constrained": posterior["contraction_v"] > NOT_CONSTRAINED,
         "speed_above_c": posterior["above_c_probability"] > LIKELY_ABOVE_C,
         **{f"{axis}_not_constrained": posterior[f"contraction_{axis}"] > NOT_CONSTRAINED for axis in axes},
-        "position_not_constrained": _widest_sd(posterior, axes) > NOT_CONSTRAINED * posterior.attrs["position_prior_sd_rsun"],
+        "position_not_constrained": _widest_sd(posterior, axes)
+        > NOT_CONSTRAINED * posterior.attrs["position_prior_sd_rsun"],
         "prior_dominated": _pull_in_sd(posterior, axes) > DOMINATED_SD,
         "multimodal": posterior["modes"] > 1,
         "arrivals_inconsistent": posterior["misfit"] > _largest_misfit(posterior),

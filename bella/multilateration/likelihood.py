@@ -40,8 +40,8 @@ GAUSSIAN = Noise()
 NEAREST_RSUN = 1e-9
 """Distances are kept above this: a source on the Sun or on a receiver has no direction from it."""
 NEAR_RSUN = 10.0
-"""Closer to the Sun or to a receiver, where directions turn within a cell, the sharpness is that at this distance: cells
-are not made finer there, which changes no moment by more than a thousandth of a standard deviation."""
+"""Closer to the Sun or to a receiver, where directions turn within a cell, the sharpness is that at this distance:
+cells are not made finer there."""
 RANGE_SD = 4.0
 """Slowness and kappa are looked for within this many prior standard deviations of their means."""
 ALONE, BLOCK = 500, 8_000
@@ -204,7 +204,9 @@ def problems_of(
     present = np.isfinite(grid.arrival_s)
     bad = noise.bad_sets(present.shape[1])
     arrival = np.where(present, grid.arrival_s - grid.delay_s, 0.0)
-    white = whiten(grid.covariances_s2(), bad[:, None, :] * noise.bad_sd_s**2, grid.frequency_mhz)
+    white = whiten(
+        grid.covariances_s2(), np.asarray(bad[:, None, :] * noise.bad_sd_s**2, dtype=np.float64), grid.frequency_mhz
+    )
     first = np.take_along_axis(np.broadcast_to(arrival, white.mean_weight.shape), white.reference[..., None], axis=2)
     late = np.where(present, arrival - first, 0.0)
     log_prior = _log_prior_of_components(bad, present.T, noise.bad_probability)
@@ -283,7 +285,9 @@ def whiten(covariance_s2: FloatArray, extra_s2: FloatArray, frequency_mhz: Float
     between = difference @ whole @ difference.swapaxes(-1, -2) + np.where(heard, 0.0, 1.0)[..., None] * identity[1:, 1:]
     try:
         root = np.linalg.cholesky(between)
-        solved = np.linalg.solve(whole, np.broadcast_to(present, whole.shape[:-1])[..., None].astype(np.float64))[..., 0]
+        solved = np.linalg.solve(whole, np.broadcast_to(present, whole.shape[:-1])[..., None].astype(np.float64))[
+            ..., 0
+        ]
     except np.linalg.LinAlgError as error:
         raise InputError(
             f"the covariance of the arrival times at {frequency_mhz[0]:g} to {frequency_mhz[-1]:g} MHz is not that of "
@@ -575,7 +579,7 @@ def blocks(owner: IntArray) -> Iterator[tuple[slice, slice | IntArray]]:
     ------
     slice, slice or ndarray of int
     """
-    edges = np.flatnonzero(np.diff(owner, prepend=-1, append=-1))
+    edges = [int(edge) for edge in np.flatnonzero(np.diff(owner, prepend=-1, append=-1))]
     first = 0
     for start, stop in pairwise(edges):
         if stop - start < ALONE and stop - first <= BLOCK:
@@ -584,8 +588,9 @@ def blocks(owner: IntArray) -> Iterator[tuple[slice, slice | IntArray]]:
             yield slice(first, start), owner[first:start]
         first = start
         while stop - first >= ALONE:
-            yield slice(first, min(first + BLOCK, stop)), slice(owner[start], owner[start] + 1)
-            first = min(first + BLOCK, stop)
+            last = min(first + BLOCK, stop)
+            yield slice(first, last), slice(int(owner[start]), int(owner[start]) + 1)
+            first = last
     if first < owner.size:
         yield slice(first, owner.size), owner[first:]
 

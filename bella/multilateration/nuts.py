@@ -29,7 +29,8 @@ from bella.units import C_RSUN_S, FloatArray
 CHAINS = 4
 SCATTERED = ("x_scaled", "y_scaled", "z_scaled", "v_scaled", "kappa_scaled")
 """Where the chains start apart, by one prior standard deviation. The sampler refuses to start where a gradient is zero.
-Scattered over its prior as well, the emission time starts so far off that a chain can end with a negative speed, from where it does not come back."""
+Scattered over its prior as well, the emission time starts so far off that a chain can end with a negative speed, from
+where it does not come back."""
 TUNE = 1000
 GAUSSIAN_POWER = 2.0
 LARGEST_RHAT = 1.05
@@ -200,9 +201,7 @@ def _source(pm: Any, shape: ModelShape) -> list[Any]:
     else:
         scaled = [pm.Flat(f"{axis}_scaled", initval=0.3) for axis in names]
         pm.Potential("position_prior", -0.5 * sum(axis**2 for axis in scaled) ** (0.5 * priors.power))
-    axes = [
-        pm.Deterministic(f"{name}_rsun", priors.tau_rsun * axis) for name, axis in zip(names, scaled, strict=True)
-    ]
+    axes = [pm.Deterministic(f"{name}_rsun", priors.tau_rsun * axis) for name, axis in zip(names, scaled, strict=True)]
     return [*axes, *[0.0] * (3 - shape.dimensions)]
 
 

@@ -202,7 +202,7 @@ def find_preset(name: str) -> Preset:
 
 
 def apply_sigma_rule(grid: ArrivalGrid, preset: Preset) -> ArrivalGrid:
-    """Replace the timing errors of a grid as a preset says; what is missing stays missing, and so do offsets and delays.
+    """Replace the timing errors of a grid as a preset says; what is missing stays missing, offsets and delays stay.
 
     Parameters
     ----------

@@ -128,7 +128,7 @@ def _finer(index: IntArray, first: IntArray) -> IntArray:
     extent = [np.maximum.reduceat(axis, first) - np.minimum.reduceat(axis, first) + 3 for axis in index]
     cells = np.diff(first, append=index.shape[1])
     fewest = np.minimum(POINTS / cells, PIXELS / np.prod(extent, axis=0))
-    return np.clip(np.sqrt(fewest), 1, FINER).astype(np.intp)
+    return np.asarray(np.clip(np.sqrt(fewest), 1, FINER).astype(np.intp))
 
 
 def _divided(index: IntArray, finer: int) -> IntArray:

@@ -4,8 +4,8 @@ Receiver i, at p_i, hears at y_i = t0 + \|s - p_i\|/c. The best emission time is
 it drops out when weighted means are taken off: with r~_i = (y_i - y-bar) - (d_i - d-bar)/c and unit vectors
 e_i = (s - p_i)/d_i, the misfit is sum w r~^2 and its Jacobian -(e_i - e-bar)/c (Badman et al. 2022, ApJ 938:95,
 doi:10.3847/1538-4357/ac90c2; the elimination is that of Torrieri 1984, IEEE Trans. AES-20:183). For errors that are
-correlated between receivers, with the inverse P of their covariance, the weights of the means are P 1 / W and the misfit
-is r~^T P r~ = r^T Q r, Q = P - P 1 1^T P / W, W = 1^T P 1.
+correlated between receivers, with the inverse P of their covariance, the weights of the means are P 1 / W and the
+misfit is r~^T P r~ = r^T Q r, Q = P - P 1 1^T P / W, W = 1^T P 1.
 """
 
 from dataclasses import dataclass
@@ -63,7 +63,7 @@ class Timing:
     @property
     def present(self) -> BoolArray:
         """Which receivers heard it, shape (B, n)."""
-        return self.share != 0
+        return np.asarray(self.share != 0)
 
     @property
     def positive_share(self) -> FloatArray:
