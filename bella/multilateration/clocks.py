@@ -97,7 +97,7 @@ def _fitted(
     inverse = np.linalg.inv(grid.covariance_s2() + np.where(place, free, 0.0) + shared + np.outer(turned, turned))
     predicted = grid.delay_s + travel_s + delay.kappa * delay_s
     residual = (grid.arrival_s - predicted)[row, column] + np.einsum("nd,nd->n", slope, position[row])
-    indicator = (column[:, None] == np.arange(len(grid.observatories))).astype(np.float64)
+    indicator: FloatArray = (column[:, None] == np.arange(len(grid.observatories))).astype(np.float64)
     precision = np.einsum("ni,nm,mi->i", indicator, inverse, indicator, optimize=True)
     offset_s = indicator.T @ inverse @ residual / precision
     weighted = inverse @ (residual - late_s[column])
