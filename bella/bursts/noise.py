@@ -25,17 +25,22 @@ Their size is not known beforehand: even in its logarithm. Simulated bursts have
 bursts of 2012-06-07, 2020-07-21 and 2010-01-17 have 0.1 to 0.2.
 """
 
-BROAD_S = 1e4
-"""Standard deviation of the terms 1, 1/f and 1/f^2 of the time of emission, s: free."""
+BROAD_S = 3e3
+"""Standard deviation of the terms of the time of emission, s: free."""
 
-EMISSION = ((3.0, 0.8), (0.3, 0.3))
-"""What is left of it about them: size in rise times, and correlation length in ln f."""
+WAVE_SHARE, WAVE_LENGTH = 0.05, 0.35
+"""What is left of it about them, as a share of the time that the burst takes, and its length in ln f: densities wave."""
 
-DIFFERENCE_S, DIFFERENCE = 1e3, ((1.0, 1.5),)
-"""The same of each spacecraft about the common curve, with terms 1, ln f and 1/f: geometry is smoother than that."""
+DIFFERENCE_S, DIFFERENCE_SD_S, DIFFERENCE_LENGTH = 300.0, 5.0, 0.7
+"""Differences of spacecraft are smooth in the distance of the source, and so in the time of emission, whatever density
+belongs to a frequency: a cubic with coefficients of this size, s, and what is left about it, with its length in halves
+of the time that the burst takes."""
 
-ALONG, ALONG_ERROR, ALONG_LEAST_S = ((0.5, 0.7), (0.08, 0.25)), 0.06, 0.3
-"""Curve t(f) of one spacecraft about 1, 1/f and 1/f^2, and errors of channels about it for finding outliers."""
+FINE = ((0.08, 0.25),)
+"""Small bends of t(f) of one spacecraft, in rise times, and their length in ln f."""
+
+ALONG_ERROR, ALONG_LEAST_S = 0.06, 0.3
+"""Errors of channels about t(f) for finding outliers, in rise times and s."""
 
 OUTLIER_SD, MOST_OUTLIERS = 4.0, 0.25
 """A channel so far from the curve through all others is an outlier; at most so many are."""
@@ -107,10 +112,37 @@ def _free(terms: list[FloatArray], size_s: float) -> FloatArray:
     return np.asarray(size_s**2 * basis @ basis.T)
 
 
+def _beam(frequency_mhz: FloatArray) -> FloatArray:
+    """Prior covariance of t(f) of a beam: 1, ln f, f^-1/2, 1/f and 1/f^2, which miss it by 0.2 s rms."""
+    x = 1.0 / frequency_mhz
+    return _free([np.ones_like(x), np.log(x), np.sqrt(x), x, 0.2 * x**2], BROAD_S)
+
+
+def _emission(timed: Timed) -> FloatArray:
+    """Prior covariance of the time of emission."""
+    apart = np.subtract.outer(np.log(timed.frequency_mhz), np.log(timed.frequency_mhz))
+    size_s = WAVE_SHARE * np.ptp(timed.arrival_s)
+    return np.asarray(_beam(timed.frequency_mhz) + size_s**2 * np.exp(-0.5 * (apart / WAVE_LENGTH) ** 2))
+
+
 def _curve(timed: Timed) -> FloatArray:
     """Prior covariance of t(f) of one spacecraft."""
-    x = 1.0 / timed.frequency_mhz
-    return _free([np.ones_like(x), x, x**2 / 5], BROAD_S) + _smooth(timed, ALONG)
+    return np.asarray(_emission(timed) + _smooth(timed, FINE))
+
+
+def _difference(timed: Timed) -> FloatArray:
+    """Prior covariance of t(f) of one spacecraft less the common one: smooth in the time of emission."""
+    same = timed.observatory[:, None] == timed.observatory
+    log_f, x = np.log(timed.frequency_mhz), 1.0 / timed.frequency_mhz
+    common = _emission(timed)
+    own = np.where(same, _free([np.ones_like(x), log_f, x], DIFFERENCE_S), 0.0)
+    away = timed.arrival_s - timed.arrival_s.mean()
+    noise = np.diag(timed.channel_sd_s**2 + (ALONG_ERROR * timed.rise_s) ** 2 + ALONG_LEAST_S**2)
+    emitted = common @ np.linalg.solve(common + own + noise, away)
+    along = 2.0 * (emitted - emitted.min()) / np.ptp(emitted) - 1.0
+    apart = np.subtract.outer(along, along)
+    smooth = DIFFERENCE_SD_S**2 * np.exp(-0.5 * (apart / DIFFERENCE_LENGTH) ** 2)
+    return np.where(same, _free([along**power for power in range(4)], DIFFERENCE_S) + smooth, 0.0)
 
 
 def estimate_noise(timed: Timed) -> Timed:
@@ -129,11 +161,9 @@ def estimate_noise(timed: Timed) -> Timed:
         With `shape_share` and `channel_share`.
     """
     thin = timed.take(spread_channels(timed))
-    x, log_f = 1.0 / thin.frequency_mhz, np.log(thin.frequency_mhz)
     same = thin.observatory[:, None] == thin.observatory
-    expected = _free([np.ones_like(x), x, x**2 / 5], BROAD_S) + _smooth(thin, EMISSION)
-    own = _free([np.ones_like(x), log_f, x], DIFFERENCE_S) + _smooth(thin, DIFFERENCE)
-    expected += np.where(same, own + np.outer(thin.offset_s, thin.offset_s), 0.0)
+    expected = _emission(thin) + _smooth(thin, FINE) + _difference(thin)
+    expected += np.where(same, np.outer(thin.offset_s, thin.offset_s), 0.0)
     expected += thin.shared_s @ thin.shared_s.T + np.diag(thin.channel_sd_s**2)
     smooth, alone = np.where(same, _smooth(thin, ((1.0, SHAPE_LENGTH_LN_F),)), 0.0), np.diag(thin.rise_s**2)
     away = thin.arrival_s - thin.arrival_s.mean()

@@ -474,10 +474,11 @@ class _Fit:
         return at * width, (GRID[top] - at) * width, derivative * width[:, None]
 
     def _collapsed(self, one: Craft, level_s: FloatArray) -> Collapsed:
-        mean = self.model(one, self.value)
+        top = np.exp(self._log_profile(one, self.value)[0].max(axis=1))[:, None]
+        mean = self.model(one, self.value) / top
         width = np.exp(one.log_width + self._width_terms(one) @ self.value)[:, None]
         widths = (one.time_s - one.arrival_s[:, None] - level_s[:, None]) / width
-        height = (one.power - one.base[:, None]) / one.height[:, None]
+        height = (one.power - one.base[:, None]) / one.height[:, None] / top
         shown = (np.where(one.known, values, np.nan) for values in (widths, height, mean))
         return Collapsed(one.light.observatory, one.frequency_mhz, *shown)
 

@@ -14,6 +14,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+import numpy.typing as npt
 import pandas as pd
 import xarray as xr
 
@@ -45,6 +46,9 @@ AROUND_S = 900.0
 
 LOWEST_MHZ, HIGHEST_MHZ = 0.15, 2.0
 """Band in which sources are placed, as in Canizares et al. 2024, A&A 684, A182, doi:10.1051/0004-6361/202347747."""
+
+PROFILE_MHZ = (0.1, 3.0)
+"""Channels that share a profile: it changes slowly with ln f, and no source is placed above."""
 
 FREQUENCIES = 40
 MOST_ROWS = 120
@@ -296,31 +300,42 @@ def time_burst(parts: Sequence[xr.Dataset], edge: str = SHARED) -> TimedBurst:
     measured = [part for part in measured if part.sizes["frequency"]]
     if not measured:
         raise NoDataError("no spacecraft has a channel in the band of the burst: give other files")
-    reference = min(part["time"].to_numpy()[0] for part in measured).astype("datetime64[s]").astype("datetime64[ns]")
-    lights = [light_curves(part, reference) for part in measured]
-    timed, flags, collapsed = None, np.empty(0, dtype=object), ()
     if edge == SHARED:
+        inside = [part.sel(frequency=slice(*PROFILE_MHZ)) for part in measured]
         try:
-            fit = fit_profile(lights)
+            return _profile_timed([part for part in inside if part.sizes["frequency"]])
         except NoDataError:
             edge = HALF_RISE
-        else:
-            timed = Timed(
-                *(fit.observatory, fit.frequency_mhz, fit.arrival_s, fit.rise_s, fit.independent_sd_s, fit.shared_s),
-                np.zeros(fit.arrival_s.size),
-            )
-            flags, collapsed = fit.flag, fit.collapsed
-    if timed is None:
-        timed, flags = _alone(lights, edge)
-    timed = replace(
-        timed,
-        channel_sd_s=np.hypot(timed.channel_sd_s, np.concatenate([_own_time_sd_s(part) for part in measured])),
-        offset_s=np.concatenate([np.full(part.sizes["frequency"], _offset_s(part)) for part in measured]),
+    reference = _reference(measured)
+    timed, flags = _alone([light_curves(part, reference) for part in measured], edge)
+    return _with_noise(_with_clock(timed, measured), flags, edge, reference, ())
+
+
+def _reference(parts: Sequence[xr.Dataset]) -> np.datetime64:
+    earliest: np.datetime64 = min(part["time"].to_numpy()[0] for part in parts)
+    return earliest.astype("datetime64[s]").astype("datetime64[ns]")
+
+
+def _profile_timed(parts: Sequence[xr.Dataset]) -> TimedBurst:
+    reference = _reference(parts)
+    fit = fit_profile([light_curves(part, reference) for part in parts])
+    timed = Timed(
+        *(fit.observatory, fit.frequency_mhz, fit.arrival_s, fit.rise_s, fit.independent_sd_s, fit.shared_s),
+        np.zeros(fit.arrival_s.size),
     )
-    return _with_noise(timed, flags, edge, reference, collapsed)
+    return _with_noise(_with_clock(timed, parts), fit.flag, SHARED, reference, fit.collapsed)
 
 
-def _alone(lights: Sequence[LightCurves], edge: str) -> tuple[Timed, np.ndarray]:
+def _with_clock(timed: Timed, parts: Sequence[xr.Dataset]) -> Timed:
+    """The same with how well the times of samples are known."""
+    return replace(
+        timed,
+        channel_sd_s=np.hypot(timed.channel_sd_s, np.concatenate([_own_time_sd_s(part) for part in parts])),
+        offset_s=np.concatenate([np.full(part.sizes["frequency"], _offset_s(part)) for part in parts]),
+    )
+
+
+def _alone(lights: Sequence[LightCurves], edge: str) -> tuple[Timed, npt.NDArray[np.object_]]:
     """Edges of each light curve on its own."""
     rises = own_rise(lights)
     found = [one for light in lights for one in _light_curve_edges(light, edge, rises)]
@@ -339,7 +354,7 @@ def _alone(lights: Sequence[LightCurves], edge: str) -> tuple[Timed, np.ndarray]
 
 
 def _with_noise(
-    timed: Timed, flags: np.ndarray, edge: str, reference: np.datetime64, collapsed: tuple[Collapsed, ...]
+    timed: Timed, flags: npt.NDArray[np.object_], edge: str, reference: np.datetime64, collapsed: tuple[Collapsed, ...]
 ) -> TimedBurst:
     good = np.flatnonzero((flags == "") & np.isfinite(timed.arrival_s))
     if not good.size:
