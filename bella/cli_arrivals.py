@@ -8,7 +8,6 @@ from rich.box import SIMPLE_HEAD
 from rich.console import Console
 from rich.table import Table
 
-from bella.cli_coverage import write_netcdf
 from bella.cli_detect import read_fleet, write_table
 from bella.cli_ephemeris import instant, know_updates
 from bella.cli_output import write_whole

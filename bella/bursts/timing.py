@@ -3,8 +3,8 @@
 Every channel is looked at in a window of its own around the onset that the search has found there, so that other bursts
 of the day have no say. Four definitions of the edge:
 
-``shared_profile``: from the profile that all spacecraft share (:mod:`bella.bursts.shared_profile`); where there are
-fewer than three spacecraft, or it does not converge, ``half_rise`` takes its place. ``half_rise``: from the rising flank
+``shared_profile``: from the profile that all spacecraft share (:mod:`bella.bursts.shared_profile`); ``half_rise`` takes
+its place where there are fewer than three spacecraft, or it does not converge. ``half_rise``: from the rising flank
 of each channel alone (:mod:`bella.bursts.flank`). ``half_maximum``: by a straight line between two samples.
 ``gauss_hermite``: the edge of Canizares et al. 2024 (both :mod:`bella.bursts.edges`).
 """
@@ -18,14 +18,23 @@ import numpy.typing as npt
 import pandas as pd
 import xarray as xr
 
-from bella.arrivals import check_arrivals
+from bella.arrivals import SHAPE_LENGTH, check_arrivals
 from bella.bursts.association import FEWEST_SPACECRAFT
 from bella.bursts.detection import Candidate, Searched, candidate_at, onset_records
 from bella.bursts.edges import Edge, gauss_hermite_edge, half_maximum_edge, spacing_s
 from bella.bursts.flank import SampleAveraging, flank_edges
 from bella.bursts.light_curves import LightCurves, RiseOfBurst, decay_s, own_rise
 from bella.bursts.matched_filter import BEAM_SPEEDS_C, FREQUENCY_MHZ, STEP_S
-from bella.bursts.noise import OFFSET_S, Timed, at_frequencies, estimate_noise, noise_columns, outliers, spread_channels
+from bella.bursts.noise import (
+    OFFSET_S,
+    SHAPE_LENGTH_LN_F,
+    Timed,
+    at_frequencies,
+    estimate_noise,
+    noise_columns,
+    outliers,
+    spread_channels,
+)
 from bella.bursts.shared_profile import Collapsed, fit_profile
 from bella.exceptions import InputError, NoDataError
 from bella.heliosphere.scattering import rise_s
@@ -195,7 +204,7 @@ def spectrum_edges(spectrum: xr.Dataset, edge: str = HALF_RISE, window_utc: Wind
     measured = _measured(spectrum, window_utc)
     start = measured["time"].to_numpy()[0].astype("datetime64[ns]")
     light = light_curves(measured, start)
-    found = _light_curve_edges(light, edge, own_rise([light]))
+    found = _light_curve_edges(light, edge, RiseOfBurst())
     frame = _edge_frame(light, found, edge, start)
     return frame.assign(sigma_s=np.hypot(frame["sigma_s"], _sample_time_sd_s(measured)))
 
@@ -248,7 +257,7 @@ def _sample_time_sd_s(spectrum: xr.Dataset) -> FloatArray:
 def _light_curve_edges(light: LightCurves, edge: str, rises: RiseOfBurst) -> list[Edge]:
     if edge == HALF_RISE:
         averaging = SampleAveraging(light.integration_s, light.apart_s)
-        return flank_edges(light.time_s, light.power, light.cadence_s, light.frequency_mhz, averaging, rises)
+        return flank_edges(light.time_s, light.power, light.cadence_s, light.frequency_mhz, averaging, rises=rises)
     curves = zip(light.time_s.T, light.power.T, strict=True)
     if edge == "half_maximum":
         return [
@@ -312,8 +321,8 @@ def time_burst(parts: Sequence[xr.Dataset], edge: str = SHARED) -> TimedBurst:
 
 
 def _reference(parts: Sequence[xr.Dataset]) -> np.datetime64:
-    earliest: np.datetime64 = min(part["time"].to_numpy()[0] for part in parts)
-    return earliest.astype("datetime64[s]").astype("datetime64[ns]")
+    earliest = min(part["time"].to_numpy()[0] for part in parts)
+    return np.datetime64(np.datetime64(earliest, "s"), "ns")
 
 
 def _profile_timed(parts: Sequence[xr.Dataset]) -> TimedBurst:
@@ -488,6 +497,7 @@ def arrival_frame(timed: TimedBurst, rows: Timed) -> pd.DataFrame:
             **noise_columns(rows),
         }
     )
+    frame.attrs[SHAPE_LENGTH] = SHAPE_LENGTH_LN_F
     return check_arrivals(frame, source="edges of the channels", heard_by=1)
 
 

@@ -3,10 +3,10 @@ from typing import NamedTuple
 import numpy as np
 import pytest
 
-from bella.bursts.edge import Edge
+from bella.bursts.edges import Edge
 from bella.bursts.flank import SampleAveraging, flank_edges
-from bella.bursts.half_maximum import half_maximum_edge
-from bella.bursts.widths import decay_s
+from bella.bursts.edges import half_maximum_edge
+from bella.bursts.light_curves import decay_s
 from bella.simulation.light_curve import light_curve
 from benchmarks.edges import INTEGRATION_S, Case, by_flank, simulated, timing
 
