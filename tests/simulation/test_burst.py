@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from bella.simulation.light_curve import decay_s, rise_half_width_s
+from bella.bursts.widths import decay_s, rise_half_width_s
 from bella.exceptions import InputError, NoDataError
 from bella.multilateration import localise
 from bella.simulation import Receiver, SimulatedBurst, observe, true_arrivals

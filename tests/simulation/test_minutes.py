@@ -7,7 +7,7 @@ import pytest
 import xarray as xr
 
 from bella.bursts.detection import search
-from bella.bursts.timing import burst_spectrum, candidate_near, spectrum_edges
+from bella.bursts.timing import burst_edges, candidate_near
 from bella.simulation import SimulatedBurst
 from bella.simulation.archive_tree import write_spectra
 from bella.simulation.burst import arrival_s
@@ -98,7 +98,7 @@ def test_edges_of_what_is_read_are_not_biased(read: xr.Dataset) -> None:
     off_s = []
     for burst in BURSTS:
         one = candidate_near(searched, burst.release_utc + np.timedelta64(500, "s"))
-        edges = burst_spectrum(searched, one)
+        edges = burst_edges(searched, one)
         good = edges[(edges["flag"] == "") & edges["arrival_utc"].notna() & (edges["frequency_mhz"] > 0.25)]
         arrived_s = (good["arrival_utc"].to_numpy() - burst.release_utc) / np.timedelta64(1, "s")
         off_s.append(arrived_s - arrival_s(burst, good["frequency_mhz"].to_numpy(), "WIND"))
