@@ -146,12 +146,14 @@ class ArrivalGrid:
         return np.where(absent[:, :, None] | absent[:, None, :], np.nan, covariance)
 
 
-def read_arrivals(path: Path) -> pd.DataFrame:
+def read_arrivals(path: Path, heard_by: int = MIN_OBSERVATORIES) -> pd.DataFrame:
     """Read and check an arrival table from a CSV file.
 
     Parameters
     ----------
     path : Path
+    heard_by : int
+        So many observatories there must be.
 
     Returns
     -------
@@ -163,7 +165,7 @@ def read_arrivals(path: Path) -> pd.DataFrame:
     InputError
         If the file cannot be read, or names the row and column that is wrong.
     """
-    return parse_arrivals(read_table_text(path), source=str(path))
+    return check_arrivals(parse_table(read_table_text(path), str(path)), source=str(path), heard_by=heard_by)
 
 
 def parse_arrivals(text: str, *, source: str = "arrival table") -> pd.DataFrame:

@@ -40,18 +40,26 @@ TRACK_FLAGS = {
     "too_few_positions": "Fewer than three positions, or all at one distance: no spiral was fitted.",
     "not_a_spiral": "The longitude does not fall with distance within the errors: no solar wind speed follows from "
     "this track.",
-    "too_few_frequencies": "Fewer than four frequencies, or no more arrival times than parameters: no joint spiral was "
-    "fitted.",
-    "v_sw_not_constrained": "The posterior of 1 / v_sw is wider than 0.9 of its prior: the speed of the wind is the "
-    "prior's.",
-    "phi0_not_constrained": "The posterior of the longitude at the Sun is wider than 0.9 of its prior.",
-    "several_tracks": "Separate spirals explain the arrival times; mean and standard deviation describe none of them.",
-    "poor_fit": "The best joint spiral misses the arrival times by more than their errors would give once in 10 000 "
-    "times: the model or an error is wrong. The errors of the fit are too small, unless they were widened by "
-    "the misfit (`error_scale` above 1).",
-    "poor_weights": "Less than 0.3 of the draws of the joint fit count: its numbers are rough.",
-    "arrivals_down_weighted": "Arrival times miss the joint spiral by far more than the others do: they were taken for "
-    "bad and hardly count.",
+    "too_few_frequencies": "Fewer than four frequencies, or than twelve arrival times: no track was fitted.",
+    "v_sw_not_constrained": "The 68 % interval of the wind is not narrower than that of its prior: it is not measured.",
+    "phi0_not_constrained": "The 68 % interval of the longitude at the Sun is nearly that of the whole circle.",
+    "several_tracks": "Separate longitudes explain the arrival times: take the list of intervals, not the median.",
+    "poor_fit": "The best track misses the arrival times by more than their errors would give once in 10 000 times: "
+    "the model or an error is wrong.",
+    "errors_too_large": "The best track misses the arrival times by less than their errors would give once in 10 000 "
+    "times: the stated errors are too large, and so are the intervals.",
+    "components_differ": "If light curves had the same shape at all spacecraft, chi-squared would be above 1.3 per "
+    "degree of freedom: spacecraft may hear different components (fundamental and harmonic), or several injections.",
+    "edges_differ": "Edges differ between spacecraft by a smooth error of 0.15 of the rise or more that the table does "
+    "not state; it was added: the edges may belong to different bursts, or follow different rules.",
+    "clock_offset": "A timing offset of a spacecraft is more than three of its standard deviations: its clock or "
+    "time scale (terrestrial time is 69.184 s ahead of UTC), or its edges, are wrong.",
+    "two_spacecraft": "Three spacecraft were timed in less than 0.6 of the band: elsewhere no error would show.",
+    "beam_speed_unlikely": "The beam would be faster than 0.6 c or slower than 0.03 c: edges of different bursts, or a "
+    "wrong clock, give such tracks.",
+    "poor_weights": "Fewer than 400 effective draws: the numbers are rough.",
+    "arrivals_down_weighted": "Arrival times that miss what all others predict by more than six standard deviations "
+    "were left out.",
     "ingredients_disagree": "Arrival times, wave directions and the known wind contradict one another by more than "
     "three standard deviations: one of them, or its error, is wrong.",
 }

@@ -60,11 +60,22 @@ class SourceAt(Record):
     beam_speed_c: Parameter | None = Field(default=None, description="Along the field line, at this distance.")
 
 
+class WindPart(Record):
+    """Speed of the wind in a part of a track."""
+
+    from_rsun: float
+    to_rsun: float | None
+    v_sw_km_s: Parameter
+
+
 class NoiseOfEdges(Record):
     """Noise of the arrival times of a burst beyond their stated errors, as fractions of the half width of the rise."""
 
     shape: float = Field(description="Error that is smooth along frequency within a spacecraft.")
     channel: float = Field(description="Error of each channel on its own.")
+    added: float = Field(
+        default=0.0, description="Part of `shape` that the table does not state: the track asks for it."
+    )
     kappa: Parameter | None = Field(default=None, description="Delay of a receiver that the source does not point to.")
 
 
@@ -79,6 +90,7 @@ class JointTrack(Record):
     phi0_68: tuple[Interval, ...] = Field(default=(), description="Smallest region that holds 68 %.")
     phi0_95: tuple[Interval, ...] = ()
     v_sw_km_s: Parameter
+    winds: tuple[WindPart, ...] = Field(default=(), description="Where the speed of the wind changes on the way.")
     beam_speed_c: Parameter = Field(description="Along the field line, between the highest and lowest frequency.")
     release_utc: Moment
     profile: tuple[SourceAt, ...] = ()
@@ -103,4 +115,5 @@ class Track(Record):
     rotation_period_d: float
     joint: JointTrack
     two_step: dict[str, Any] = Field(default_factory=dict)
+    two_step_other_rotations: dict[str, dict[str, Any]] = Field(default_factory=dict)
     companions: dict[str, dict[str, Any]] = Field(default_factory=dict)

@@ -19,7 +19,7 @@ from bella.simulation.archive_days import sky_of
 from bella.simulation.burst import SimulatedBurst, arrival_s, contrast_at
 from bella.simulation.day import observe_day
 from bella.simulation.instruments import Instrument, instruments
-from bella.simulation.minutes import filled_in_frequency
+from bella.simulation.receiver import filled_in_frequency
 from bella.simulation.sky import Sky
 from bella.spectra import combine_receivers, over_background
 from bella.spectra.list_mode import with_visits

@@ -1,8 +1,7 @@
 """How well and how fast edges are timed: ``python -m benchmarks.edges [--trials N] [--contrast C] [--seed S]``.
 
-Simulated light curves follow none of the curves that are fitted to them: rise and decay differ from the laws by
-log-normal factors, and the decay is a gamma distribution of a shape of its own. Half of the bursts have a second one,
-70 % as bright, 1 to 3 decay times and up to a minute later.
+Simulated light curves are of all families of :mod:`bella.simulation.light_curves`, with its scatter of rise and decay.
+Half of the bursts have a second one, 70 % as bright, 1 to 3 decay times and up to a minute later.
 """
 
 import argparse
@@ -21,8 +20,7 @@ from bella.bursts.edge import Edge
 from bella.bursts.flank import flank_edges
 from bella.bursts.gauss_hermite import gauss_hermite_edge
 from bella.bursts.half_maximum import half_maximum_edge
-from bella.bursts.widths import HALF_WIDTH_SD, decay_s, rise_half_width_s
-from bella.simulation.light_curve import light_curve
+from bella.simulation.light_curves import PulseLaw, draw_pulse_law
 from bella.units import FloatArray
 from benchmarks.localisation import Row, seconds
 
@@ -30,8 +28,8 @@ FREQUENCIES_MHZ = (0.3, 0.5, 1.0, 3.0)
 INTEGRATION_S = {60.0: 60.0, 38.0: 2.0, 17.0: 2.0, 7.0: 7.0}
 """Integration time of one sample by cadence, s."""
 
-RISE_SPREAD, DECAY_SPREAD = 0.3, 0.25
-GAMMA_SHAPES = (1.1, 1.6)
+LONGEST_DECAY_S = 72.0
+"""Light curves are as long as a decay time of so much at 1 MHz, which varies as 1/f, asks for."""
 SECOND_HEIGHT, SECOND_DECAYS, SECOND_LATER_S = 0.7, (1.0, 3.0), 60.0
 NOISE = 0.05
 OUTLIER_S = 30.0
@@ -80,15 +78,16 @@ def simulated(case: Case, seeds: range) -> LightCurves:
 
 
 def _simulated(case: Case, random: np.random.Generator) -> tuple[FloatArray, FloatArray]:
-    rise, decay = np.exp(random.normal(0.0, [RISE_SPREAD, DECAY_SPREAD]))
-    curve = light_curve.__wrapped__(case.frequency_mhz, rise, decay, random.uniform(*GAMMA_SHAPES))
-    law_s = decay_s(case.frequency_mhz)
-    later_s = random.uniform(*SECOND_DECAYS) * decay * law_s + random.uniform(0.0, SECOND_LATER_S)
-    time = np.arange(-900.0 - 2 * law_s, 300.0 + 9 * law_s, case.cadence_s) + random.uniform(0, case.cadence_s)
+    law, channel = draw_pulse_law(random), np.array([case.frequency_mhz])
+    curve, decay_s = law.curves(channel), float(law.decays_s(channel)[0])
+    later_s = random.uniform(*SECOND_DECAYS) * decay_s + random.uniform(0.0, SECOND_LATER_S)
+    longest_s = LONGEST_DECAY_S / case.frequency_mhz
+    time = np.arange(-900.0 - 2 * longest_s, 300.0 + 9 * longest_s, case.cadence_s)
+    time += random.uniform(0, case.cadence_s)
     start, stop = time - INTEGRATION_S[case.cadence_s] / 2, time + INTEGRATION_S[case.cadence_s] / 2
-    power = curve.mean(start, stop)
+    power = curve.mean(0, start, stop)
     if case.second:
-        power += SECOND_HEIGHT * curve.mean(start - later_s, stop - later_s)
+        power += SECOND_HEIGHT * curve.mean(0, start - later_s, stop - later_s)
     return time, (1 + case.contrast * power) * (1 + NOISE * random.standard_normal(time.size)) - 1
 
 
@@ -134,8 +133,9 @@ def timing(edges: list[Edge]) -> Timing:
 
 def emg_edge(time_s: FloatArray, power: FloatArray, frequency_mhz: float) -> float:
     """Centre of an exponentially modified Gaussian fitted to the whole light curve by least squares, s."""
-    rise = rise_half_width_s(frequency_mhz) / HALF_WIDTH_SD
-    start = [power.max(), time_s[power.argmax()] - rise, np.log(rise), np.log(decay_s(frequency_mhz)), 0.0]
+    channel = np.array([frequency_mhz])
+    rise, decay = 0.85 * PulseLaw().rises_s(channel)[0], PulseLaw().decays_s(channel)[0]
+    start = [power.max(), time_s[power.argmax()] - rise, np.log(rise), np.log(decay), 0.0]
     return float(curve_fit(_emg, time_s, power, start, maxfev=5000)[0][1])
 
 
@@ -152,7 +152,8 @@ def rows() -> list[Row]:
     time = np.arange(-1500.0, 2500.0, SPEED_CADENCE_S)
     ends = (time - SPEED_CADENCE_S / 2, time + SPEED_CADENCE_S / 2)
     noise = NOISE * np.random.default_rng(1).standard_normal((time.size, CHANNELS))
-    excess = np.stack([10 * light_curve(float(channel)).mean(*ends) for channel in frequency], axis=1)
+    curves = PulseLaw("emg", 35.0, -0.77).curves(frequency)
+    excess = np.stack([10 * curves.mean(one, *ends) for one in range(CHANNELS)], axis=1)
     power = (1 + excess) * (1 + noise) - 1
     batched_s = seconds(partial(flank_edges, time, power, SPEED_CADENCE_S, frequency, SPEED_CADENCE_S))
     some = range(0, CHANNELS, CHANNELS // FITTED_CHANNELS)

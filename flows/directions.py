@@ -10,8 +10,10 @@ import xarray as xr
 
 from bella.exceptions import BellaError
 from bella.spectra import power_above_background
-from bella.tracks import DirectionTerms, WindPrior, direction_terms, wave_directions
+from bella.tracks import WindPrior, measured_wind
 from bella.tracks.direction_companions import FLOOR_DEG
+from bella.tracks.directions import DirectionTerms, direction_terms
+from bella.tracks.wave_directions import wave_directions
 from bella.units import FloatArray
 
 log = structlog.get_logger(__name__)
@@ -95,7 +97,7 @@ def known_wind(wind: Mapping[str, Any]) -> WindPrior | None:
         return None
     mean = float(1.0 / np.mean(1.0 / _numbers(one["mean"] for one in speeds)))
     sd = np.hypot(np.mean(_numbers(one["sd"] for one in speeds)), np.sqrt(np.mean(misfits**2)))
-    return WindPrior(mean, float(sd))
+    return measured_wind(mean, float(sd))
 
 
 def _numbers(values: Iterable[float | None]) -> FloatArray:

@@ -31,7 +31,7 @@ from bella.solar_wind.folder import (
 )
 from bella.solar_wind.wind_companion import TrackSpiral, line_of_track, wind_companion
 from bella.spacecraft import coverage, position_hee
-from bella.tracks import JointFit
+from bella.tracks import TrackFit
 from bella.units import FloatArray
 
 HALF_DAY = np.timedelta64(12, "h")
@@ -121,12 +121,12 @@ def _sha256(path: Path) -> str:
         return f"{path.name}: {error}"
 
 
-def footpoint_of(fit: JointFit, observatories: Iterable[str], around: Surroundings) -> dict[str, Any]:
+def footpoint_of(fit: TrackFit, observatories: Iterable[str], around: Surroundings) -> dict[str, Any]:
     """Footpoint of a joint fit, with connections by the measured wind, and the regions near it.
 
     Parameters
     ----------
-    fit : JointFit
+    fit : TrackFit
     observatories : iterable of str
     around : Surroundings
 
@@ -141,7 +141,7 @@ def footpoint_of(fit: JointFit, observatories: Iterable[str], around: Surroundin
         If nothing was fitted.
     """
     if not fit.draws:
-        raise NoDataError(f"there is no joint fit ({', '.join(fit.flags)}): add frequencies")
+        raise NoDataError(f"there is no joint fit ({', '.join(fit.record.flags)}): add frequencies")
     phi0, utc = fit.draws["phi0_deg"], fit.reference_utc
     return footpoint_companion(phi0, utc, observatories, around.in_situ.at(utc), around.regions)
 

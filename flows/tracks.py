@@ -1,6 +1,6 @@
 """What a solution says of its track: joint and two-step fit, and what stands beside them."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
@@ -10,21 +10,23 @@ import xarray as xr
 from bella.arrivals import ArrivalGrid, arrival_grid
 from bella.catalogue import Series
 from bella.exceptions import GeometryError, InputError, NoDataError
-from bella.flags import APPARENT_SOURCE, NOT_COMPUTED
+from bella.flags import NOT_COMPUTED
 from bella.multilateration.priors import apply_sigma_rule, find_preset
 from bella.settings import Settings
-from bella.tracks import Ingredients, JointFit, JointOptions, piecewise_fit, track_fit
+from bella.tracks import TrackFit, fit_track, track_record, with_joint_draws
 from bella.tracks.companions import density_companion, semp_companion
-from bella.tracks.direction_companions import FLOOR_DEG, fused_companion, triangulation_companion
-from bella.tracks.model_companion import model_companion
-from bella.tracks.published import FEWEST_DRAWS, MOST_FREQUENCIES, as_fitted, joint_track, with_joint_draws
+from bella.tracks.compare import fused_companion, models_companion
+from bella.tracks.direction_companions import FLOOR_DEG, triangulation_companion
+from bella.tracks.fit import FEWEST_DRAWS
+from bella.tracks.model import TrackModel
+from bella.tracks.piecewise import piecewise_fit
 from bella.tracks.scattering_companion import scattering_companion
+from bella.tracks.two_step import track_fit
 from flows.directions import directed, known_wind
 from flows.solar_wind import Surroundings, footpoint_of, wind_of
 
 TRACK_RECIPE = {
-    "most_frequencies": MOST_FREQUENCIES,
-    "found_bursts": "channel edges",
+    "model": TrackModel().name,
     "directions": f"turned by {FLOOR_DEG:g} deg, each spacecraft's alike",
     "companions": [
         "semp",
@@ -83,68 +85,39 @@ def fitted_track(
     posterior : xarray.Dataset
         With the draws of the joint fit.
     """
-    is_curve = timing.channels is None
     table = timing.arrivals if timing.channels is None else timing.channels
-    timed = apply_sigma_rule(arrival_grid(table, heard_by=1), find_preset(series.preset))
-    two_step = track_fit(posterior)
-    period_d = two_step["rotation_period_d"]
-    joint, fit = joint_track(timed, period_d, settings.draws, settings.seed, from_curve=is_curve)
-    options, used = JointOptions(max(settings.draws, FEWEST_DRAWS), settings.seed), as_fitted(timed, joint)
-    beside = companions(posterior, used, fit, around)
-    beside["wind"] = attempted(lambda: wind_of(posterior, joint, around))
-    beside["models"] = attempted(lambda: model_companion(Ingredients(used), fit, settings.seed))
-    beside |= more_than_times(timing, used, beside["wind"], period_d, options)
-    track = two_step | {"remark": APPARENT_SOURCE, "joint": joint, "companions": beside}
-    return track, with_joint_draws(posterior, fit)
+    grid = apply_sigma_rule(arrival_grid(table, heard_by=1), find_preset(series.preset))
+    line = track_fit(posterior)
+    model = TrackModel(rotation_period_d=line["rotation_period_d"])
+    fit = fit_track(grid, model, draws=max(settings.draws, FEWEST_DRAWS), seed=settings.seed)
+    record = track_record(fit, line, companions(posterior, timing, grid, fit, settings.seed, around))
+    return record.model_dump(mode="json"), with_joint_draws(posterior, fit)
 
 
-def more_than_times(
-    timing: Timing, grid: ArrivalGrid, wind: Mapping[str, Any], rotation_period_d: float, options: JointOptions
+def companions(  # noqa: PLR0913, PLR0917
+    posterior: xr.Dataset, timing: Timing, grid: ArrivalGrid, fit: TrackFit, seed: int, around: Surroundings
 ) -> dict[str, Any]:
-    """What wave directions, and a measured wind, say with the arrival times and without.
-
-    Parameters
-    ----------
-    timing : Timing
-    grid : ArrivalGrid
-        Arrival times as the joint fit took them.
-    wind : mapping
-        Companion of that name.
-    rotation_period_d : float
-        Rotation period of the Sun, days.
-    options : JointOptions
-
-    Returns
-    -------
-    dict
-        Ready for JSON: ``triangulation`` and ``fused``.
-    """
-    terms = directed(timing.directions, timing.arrivals, grid.reference_utc)
-    known = Ingredients(grid, directions=terms, wind=known_wind(wind))
-    return {
-        "triangulation": attempted(lambda: triangulation_companion(terms)),
-        "fused": attempted(lambda: fused_companion(known, rotation_period_d, options)),
-    }
-
-
-def companions(posterior: xr.Dataset, grid: ArrivalGrid, fit: JointFit, around: Surroundings) -> dict[str, Any]:
     """Everything that stands beside the fits of a track; what cannot be computed says why, and stops nothing.
 
     Parameters
     ----------
     posterior : xarray.Dataset
+    timing : Timing
     grid : ArrivalGrid
         Arrival times as the joint fit took them.
-    fit : JointFit
+    fit : TrackFit
+    seed : int
     around : Surroundings
 
     Returns
     -------
     dict
-        Ready for JSON: ``semp``, ``weighted``, ``piecewise``, ``density_excess``, ``scattering`` and ``footpoint``.
+        Ready for JSON.
     """
     spirals = attempted(lambda: piecewise_fit(posterior))
     density = attempted(lambda: density_companion(posterior))
+    wind = attempted(lambda: wind_of(posterior, fit.record.model_dump(mode="json"), around))
+    terms = directed(timing.directions, timing.arrivals, grid.reference_utc)
     return {
         "semp": attempted(lambda: semp_companion(grid)),
         "weighted": spirals.get("weighted", spirals),
@@ -152,6 +125,10 @@ def companions(posterior: xr.Dataset, grid: ArrivalGrid, fit: JointFit, around: 
         "density_excess": density,
         "scattering": attempted(lambda: scattering_companion(density, fit)),
         "footpoint": attempted(lambda: footpoint_of(fit, grid.observatories, around)),
+        "wind": wind,
+        "models": attempted(lambda: models_companion(fit, grid, seed)),
+        "triangulation": attempted(lambda: triangulation_companion(terms)),
+        "fused": attempted(lambda: fused_companion(fit, grid, terms, known_wind(wind), seed)),
     }
 
 

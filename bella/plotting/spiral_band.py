@@ -39,7 +39,7 @@ def spiral_band(posterior: xr.Dataset, range_rsun: FloatArray) -> SpiralBand | N
     Parameters
     ----------
     posterior : xarray.Dataset
-        A solution with the draws of its joint fit, as :func:`bella.tracks.published.with_joint_draws` returns it.
+        A solution with the draws of its joint fit, as :func:`bella.tracks.with_joint_draws` returns it.
     range_rsun : ndarray, shape (R,)
         Solar radii, ascending.
 

@@ -1,4 +1,4 @@
-"""Synthetic bursts: a beam on a Parker spiral, its light curves, and what a receiver makes of them."""
+"""Simulated bursts and days of the simulator's own laws, as receivers record them and archives hold them."""
 
 from bella.simulation.burst import SimulatedBurst, true_arrivals
 from bella.simulation.receiver import Receiver, observe

@@ -1,20 +1,37 @@
-"""Days of simulated data sets in a folder that looks like the archive."""
+"""Days of simulated data sets in a folder that looks like the archive: spectra written under its names."""
 
+import tempfile
 from collections.abc import Callable, Iterator, Sequence
 from datetime import date, timedelta
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+import numpy.typing as npt
+import xarray as xr
 
-from bella.exceptions import InputError
-from bella.simulation.archive_tree import write_spectra
+from bella.exceptions import InputError, NoDataError
+from bella.simulation.archive_files import (
+    H1_KHZ,
+    LEVEL2_KHZ,
+    Beside,
+    Sweeps,
+    write_psp_l2,
+    write_solo_l3,
+    write_stereo_l3,
+    write_stereo_level2,
+    write_wind_h1,
+    write_wind_l2,
+)
 from bella.simulation.day import observe_day
 from bella.simulation.instruments import WRITABLE, Instrument, instruments
+from bella.simulation.receiver import filled_in_frequency
 from bella.simulation.sky import Sky, draw_sky
 from bella.simulation.truth import day_truth
-from bella.spacecraft import OBSERVATORIES, fleet
+from bella.spacecraft import OBSERVATORIES, fleet, position
 from bella.spectra.archive_datasets import find_datasets
+from bella.spectra.dynamic_spectrum import sample_times
+from bella.units import R_SUN_KM, FloatArray
 
 DAY = timedelta(days=1)
 MARK = ".simulated"
@@ -118,3 +135,141 @@ def _receivers(day: date, datasets: Sequence[str], known: set[str]) -> Iterator[
         if dataset.covers(day) and known & set(dataset.observatories):
             receivers = instruments(dataset.key, day)
             yield dataset.key, [one for one in receivers if one.receiver.observatory in known]
+
+
+SIDES = {"STEREO-A": "ahead", "STEREO-B": "behind"}
+MINUTE = np.timedelta64(60, "s")
+HEE_ANGLES = {f"wave_{angle}_hee_deg": f"WAVE_{angle}_HEE".upper() for angle in ("colatitude", "azimuth")}
+"""Names in the files by those in a dynamic spectrum."""
+
+
+def write_spectra(spectra: Sequence[xr.Dataset], dataset: str, day: date, root: Path) -> Path:
+    """Write the file of a day of a data set.
+
+    Parameters
+    ----------
+    spectra : sequence of xarray.Dataset
+        Dynamic spectra of every receiver or spacecraft that the file holds, channels and quantity as the data set has
+        them.
+    dataset : str
+        Key of the data set.
+    day : datetime.date
+        Day that the file is named after.
+    root : pathlib.Path
+        Root of the archive; folders are made.
+
+    Returns
+    -------
+    pathlib.Path
+        The file, which is there whole or not at all.
+
+    Raises
+    ------
+    InputError
+        If the data set cannot be written, or the spectra are of another quantity or number.
+    """
+    (known,) = find_datasets([dataset])
+    if dataset not in WRITERS:
+        raise InputError(f"files of data set {dataset!r} cannot be written; choose from {', '.join(WRITERS)}")
+    quantity, write = WRITERS[dataset]
+    if not spectra or any(one.attrs["quantity"] != quantity for one in spectra):
+        raise InputError(f"data set {dataset} holds {quantity}: convert the spectra to it")
+    name = known.name.format(date=f"{day:%Y%m%d}", version="01")
+    folder = root / known.folders(day)[0]
+    folder.mkdir(parents=True, exist_ok=True)
+    with tempfile.TemporaryDirectory(dir=root, prefix=".writing-") as staging:
+        return write(Path(staging) / name, spectra).replace(folder / name)
+
+
+def _minutes(spectrum: xr.Dataset) -> tuple[np.ndarray, FloatArray]:
+    """Centres of all minutes of the day, and intensity with NaN in those that are missing."""
+    time = spectrum["time"].to_numpy()
+    midnight = time[0].astype("datetime64[D]").astype("datetime64[ns]")
+    utc = midnight + np.arange(1440) * MINUTE + MINUTE // 2
+    values = np.full((utc.size, spectrum.sizes["frequency"]), np.nan)
+    row = (time - midnight) // MINUTE
+    inside = (row >= 0) & (row < utc.size)
+    values[row[inside]] = spectrum["intensity"].to_numpy()[inside]
+    return utc, values
+
+
+def _wind_h1(path: Path, spectra: Sequence[xr.Dataset]) -> Path:
+    ratio = {name: np.full((1440, khz.size), np.nan) for name, khz in H1_KHZ.items()}
+    measured: dict[str, npt.NDArray[np.bool_]] = {name: np.ones(khz.size, np.bool_) for name, khz in H1_KHZ.items()}
+    for spectrum in spectra:
+        receiver = str(spectrum.attrs["receiver"])
+        if "interpolated" in spectrum:
+            measured[receiver] = ~spectrum["interpolated"].to_numpy().astype(bool)
+        utc, ratio[receiver] = _minutes(filled_in_frequency(spectrum) if "interpolated" in spectrum else spectrum)
+    return write_wind_h1(path, utc, ratio, measured)
+
+
+def _wind_l2(path: Path, spectra: Sequence[xr.Dataset]) -> Path:
+    (spectrum,) = spectra
+    return write_wind_l2(path, spectrum["time"].to_numpy(), _hertz(spectrum), spectrum["intensity"].to_numpy())
+
+
+def _hertz(spectrum: xr.Dataset) -> np.ndarray:
+    return np.asarray(spectrum["frequency"].to_numpy() * 1e6)
+
+
+def _level2(path: Path, spectra: Sequence[xr.Dataset]) -> Path:
+    decibel = {}
+    for spectrum in spectra:
+        utc, values = _minutes(spectrum)
+        khz = spectrum["frequency"].to_numpy() * 1e3
+        # the HFR's channels below the LFR's last one are in the file too, though no spectrum has them
+        nearest = np.abs(LEVEL2_KHZ[:, None] - khz[None, :]).argmin(axis=1)
+        decibel[SIDES[str(spectrum.attrs["observatory"])]] = values[:, nearest]
+    absent = {side: np.full((1440, LEVEL2_KHZ.size), np.nan) for side in SIDES.values() if side not in decibel}
+    return write_stereo_level2(path, utc, decibel | absent)
+
+
+def _stereo_l3(path: Path, spectra: Sequence[xr.Dataset]) -> Path:
+    (spectrum,) = spectra
+    utc = spectrum["time"].to_numpy()
+    known = {name: spectrum[channel].to_numpy() for channel, name in HEE_ANGLES.items() if channel in spectrum}
+    beside = Beside(known, _position_km(spectrum, utc, "hee"))
+    return write_stereo_l3(path, utc, _hertz(spectrum), spectrum["intensity"].to_numpy(), beside)
+
+
+def _position_km(spectrum: xr.Dataset, utc: np.ndarray, frame: str) -> FloatArray | None:
+    """Where the ephemeris has the spacecraft; None where it does not have it at all of these times."""
+    try:
+        return position(str(spectrum.attrs["observatory"]), utc, frame) * R_SUN_KM
+    except NoDataError:
+        return None
+
+
+def _psp_l2(path: Path, spectra: Sequence[xr.Dataset]) -> Path:
+    (spectrum,) = spectra
+    half = 0.5 * spectrum["intensity"].to_numpy()
+    return write_psp_l2(path, spectrum["time"].to_numpy(), _hertz(spectrum), {"ch0_V1V2": half, "ch1_V3V4": half})
+
+
+def _solo_l3(path: Path, spectra: Sequence[xr.Dataset]) -> Path:
+    (spectrum,) = spectra
+    times = sample_times(spectrum).to_numpy()
+    start = times.min(axis=1)
+    flagged = np.zeros(spectrum.sizes["frequency"], dtype=bool)
+    if "interpolated" in spectrum:
+        flagged = spectrum["interpolated"].to_numpy().astype(bool)
+    return write_solo_l3(
+        path,
+        Sweeps(start, (times - start[:, None]) / np.timedelta64(1, "s"), _position_km(spectrum, start, "hci")),
+        spectrum["frequency"].to_numpy() * 1e3,
+        spectrum["intensity"].to_numpy(),
+        np.broadcast_to(flagged, times.shape),
+    )
+
+
+Writer = Callable[[Path, Sequence[xr.Dataset]], Path]
+WRITERS: dict[str, tuple[str, Writer]] = {
+    "WI_H1_WAV": ("voltage_ratio", _wind_h1),
+    **{f"WI_L2_WAV_{receiver}": ("psd_v2_hz", _wind_l2) for receiver in ("RAD1", "RAD2")},
+    "STEREO_LEVEL2_SWAVES": ("db_over_background", _level2),
+    **{f"ST{side}_L3_WAV_{band}": ("flux_w_m2_hz", _stereo_l3) for side in "AB" for band in ("LFR", "HFR")},
+    **{f"PSP_FLD_L2_RFS_{band}": ("psd_v2_hz", _psp_l2) for band in ("LFR", "HFR")},
+    **{f"SOLO_L3_RPW-{band}-SURV-FLUX": ("flux_w_m2_hz", _solo_l3) for band in ("HFR", "TNR")},
+}
+"""Quantity and writer of every data set that can be written."""

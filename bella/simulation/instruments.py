@@ -16,6 +16,9 @@ from bella.units import AU_RSUN, FloatArray
 
 ENCOUNTER_RSUN = 0.25 * AU_RSUN
 """Nearer to the Sun than this PSP samples fast."""
+PSP_CADENCES_S = 55.92, 6.99
+"""Far from the Sun, and near it (Pulupa et al. 2017, JGR Space Physics 122, 2836, doi:10.1002/2016JA023345). The low
+and the high band are sampled in turn, each for half of the time."""
 
 LIST_MODE_KHZ: FloatArray = np.unique(LIST_KHZ).astype(np.float64)
 """Channels that Wind RAD1 measures in its list mode; the others are interpolated between them."""
@@ -45,6 +48,10 @@ class Instrument:
         The data set tells where the waves came from.
     averaged : tuple of Receiver
         Receivers whose samples a record is the mean of; none where it is a sample itself.
+    shortest_s : float
+        Records that are the mean of samples of less time together have no value.
+    fast : Receiver, optional
+        The receiver in its fast mode, where it has one and is not in it.
     """
 
     dataset: str
@@ -55,6 +62,8 @@ class Instrument:
     lead_s: float = 0.0
     finds_directions: bool = False
     averaged: tuple[Receiver, ...] = ()
+    shortest_s: float = 0.0
+    fast: Receiver | None = None
 
 
 def instruments(dataset: str, day: date) -> tuple[Instrument, ...]:
@@ -172,11 +181,13 @@ def _stereo_l3(dataset: str) -> Instrument:
 def _psp(dataset: str, day: date) -> Instrument:
     noon = np.datetime64(day, "ns") + np.timedelta64(12, "h")
     away_rsun = float(np.linalg.norm(position_hee("PSP", np.array([noon]), noon)[0]))
-    cadence_s = 6.99 if away_rsun < ENCOUNTER_RSUN else 55.92
     name = dataset[-3:]
     channels = np.geomspace(0.0105, 1.69, 64) if name == "LFR" else np.geomspace(1.275, 19.17, 64)
-    receiver = _at_once("PSP", name, channels, cadence_s, 0.5 * cadence_s)
-    return _whole(dataset, receiver, "psd_v2_hz", _quiet_v2_hz(channels), 0.0 if name == "LFR" else 2.24)
+    slow, fast = (_at_once("PSP", name, channels, cadence_s, 0.5 * cadence_s) for cadence_s in PSP_CADENCES_S)
+    lead_s = 0.0 if name == "LFR" else 2.24
+    if away_rsun < ENCOUNTER_RSUN:
+        return _whole(dataset, fast, "psd_v2_hz", _quiet_v2_hz(channels), lead_s)
+    return replace(_whole(dataset, slow, "psd_v2_hz", _quiet_v2_hz(channels), lead_s), fast=fast)
 
 
 def _solo(dataset: str) -> Instrument:

@@ -1,7 +1,8 @@
 """What is to be heard on a day: bursts, storms of weak ones, and what is none, drawn at random.
 
-Bursts do not follow the laws of the templates they are searched with: their widths, densities, drifts, bands and
-brightnesses scatter. Numbers are of the order of what daily spectra of solar maximum show.
+Bursts do not follow the laws of the templates they are searched with: their light curves, widths, densities, drifts,
+bands and brightnesses scatter. How a burst departs from a single pulse of a beam of constant speed is its stratum.
+Numbers without a source are of the order of what daily spectra of solar maximum show.
 """
 
 from collections.abc import Callable, Sequence
@@ -10,7 +11,8 @@ from datetime import date
 
 import numpy as np
 
-from bella.simulation.burst import SimulatedBurst
+from bella.simulation.burst import DENSITIES, SPEED_LAWS, Aspect, Companion, SimulatedBurst
+from bella.simulation.light_curves import draw_pulse_law
 from bella.simulation.nuisances import (
     CalibrationColumn,
     InterferenceLine,
@@ -24,6 +26,9 @@ from bella.units import DAY_S
 
 MEAN_BURSTS = 6.0
 GROUP_PROBABILITY = 0.25
+CLIPPED, MODE_CHANGE = 0.05, 0.1
+"""Share of spacecraft-days on which bright peaks are clipped, and on which a receiver with modes changes into the fast
+one."""
 KILOMETRIC_FROM = ("WIND",)
 """Spacecraft near enough to Earth to be flooded by its kilometric radiation."""
 
@@ -61,11 +66,21 @@ class Conditions:
     gaps_s : tuple of (float, float)
         When nothing was recorded, seconds after midnight.
     gain : Gain
+    clip : float
+        Largest power that the receiver gives, in units of the background: brighter peaks are flat.
+    lowest_mhz : float
+        Channels below have no data.
+    fast_from_s : float
+        When the receiver begins to sample in the fast one of its modes, seconds after midnight; infinite for a receiver
+        that stays in the mode it is in.
     """
 
     nuisances: tuple[Nuisance, ...] = ()
     gaps_s: tuple[tuple[float, float], ...] = ()
     gain: Gain = Gain()
+    clip: float = np.inf
+    lowest_mhz: float = 0.0
+    fast_from_s: float = np.inf
 
 
 @dataclass(frozen=True)
@@ -104,7 +119,7 @@ def draw_sky(day: date, observatories: Sequence[str], rng: np.random.Generator) 
     """
     bursts: list[SimulatedBurst] = []
     for _ in range(rng.poisson(MEAN_BURSTS)):
-        burst = draw_burst(day, rng)
+        burst = _of_a_stratum(draw_burst(day, rng), observatories, rng)
         bursts.append(burst)
         if rng.random() < GROUP_PROBABILITY:
             bursts += _group(burst, rng)
@@ -115,7 +130,7 @@ def draw_sky(day: date, observatories: Sequence[str], rng: np.random.Generator) 
 
 
 def draw_burst(day: date, rng: np.random.Generator) -> SimulatedBurst:
-    """Draw a burst at any time of a day, on any side of the Sun.
+    """Draw a burst at any time of a day, on any side of the Sun: a single pulse of a beam of constant speed.
 
     Parameters
     ----------
@@ -126,22 +141,125 @@ def draw_burst(day: date, rng: np.random.Generator) -> SimulatedBurst:
     -------
     SimulatedBurst
     """
-    starts_high = rng.random() < 0.7
+    starts_high, fast_wind = rng.random() < 0.7, rng.random() < FAST_WIND
     return SimulatedBurst(
         release_utc=np.datetime64(day, "ns") + np.timedelta64(int(rng.uniform(0, DAY_S) * 1e9), "ns"),
         phi0_deg=float(rng.uniform(-180, 180)),
-        v_sw_km_s=float(np.clip(rng.normal(400, 70), 280, 700)),
-        beam_speed_c=float(np.clip(rng.lognormal(np.log(0.15), 0.4), 0.06, 0.4)),
-        density=str(rng.choice(["leblanc", "saito"])),
-        density_factor=float(rng.uniform(1, 4)),
+        v_sw_km_s=float(np.clip(rng.normal(*(FAST_KM_S if fast_wind else SLOW_KM_S)), *WIND_LIMITS_KM_S)),
+        beam_speed_c=float(rng.triangular(*BEAM_C)),
+        density=str(rng.choice(list(DENSITIES))),
+        density_factor=float(np.exp(rng.uniform(*np.log(DENSITY_FACTOR)))),
         harmonic=int(rng.choice([1, 2])),
         f_low_mhz=float(np.exp(rng.uniform(np.log(0.12), np.log(0.6)))),
         f_high_mhz=float(rng.uniform(9, 16) if starts_high else np.exp(rng.uniform(np.log(1.0), np.log(6.0)))),
         contrast=float(10 ** (0.1 * rng.uniform(3, 30))),
-        width_factor=float(rng.lognormal(0.0, 0.25)),
+        pulse=draw_pulse_law(rng),
         taper=0.3,
-        directivity=0.7,
+        directivity=float(rng.uniform(*DIRECTIVITY)),
+        stratum="clean",
     )
+
+
+def slowing(burst: SimulatedBurst, names: Sequence[str], rng: np.random.Generator) -> SimulatedBurst:  # noqa: ARG001
+    """A beam that slows down, with the drawn speed at 30 solar radii."""
+    law = str(rng.choice([name for name in SPEED_LAWS if name != "constant"]))
+    strength = float(rng.uniform(0.1, 0.45) if law == "power" else rng.uniform(0.5, 2.5))
+    there = float(SPEED_LAWS[law](np.array([30.0]), strength)[0])
+    return replace(burst, speed_law=law, slowing=strength, beam_speed_c=min(burst.beam_speed_c / there, 0.8))
+
+
+def directional(
+    burst: SimulatedBurst,
+    names: Sequence[str],  # noqa: ARG001
+    rng: np.random.Generator,
+) -> SimulatedBurst:
+    """A delay that grows with the angle from the direction in which the source points."""
+    return replace(burst, kappa=float(rng.uniform(*KAPPA)))
+
+
+def pairs(burst: SimulatedBurst, names: Sequence[str], rng: np.random.Generator) -> SimulatedBurst:
+    """Fundamental and harmonic together; which of them is the brighter differs between spacecraft."""
+    fundamental = Companion(
+        harmonic=1,
+        height=float(np.exp(rng.uniform(np.log(0.3), np.log(3.0)))),
+        rise_factor=float(rng.uniform(0.6, 1.0)),
+        directivity=float(rng.uniform(0.2, 0.6)),
+    )
+    aspects = {name: Aspect(companion_height=float(rng.lognormal(0.0, 0.5))) for name in names}
+    return replace(burst, harmonic=2, companion=fundamental, aspects=aspects)
+
+
+def widths(burst: SimulatedBurst, names: Sequence[str], rng: np.random.Generator) -> SimulatedBurst:
+    """Light curves that are wider from the side, and whose rise and decay differ between spacecraft.
+
+    Rise and decay do not depend on the observer's angle in Chrysaphi et al. 2024, A&A 687, L12,
+    doi:10.1051/0004-6361/202348175; on 2012-06-07 STEREO-A rises 28 % more slowly and Wind 23 % faster than the mean.
+    """
+    aspects = {
+        name: Aspect(rise=float(rng.lognormal(0.0, 0.15)), decay=float(rng.lognormal(0.0, 0.25))) for name in names
+    }
+    return replace(burst, widening=float(rng.uniform(0.0, 0.7)), aspects=aspects)
+
+
+def double(burst: SimulatedBurst, names: Sequence[str], rng: np.random.Generator) -> SimulatedBurst:  # noqa: ARG001
+    """Two injections: two beams along one field line."""
+    return replace(burst, second_s=float(rng.uniform(15.0, 180.0)), second_height=float(rng.uniform(0.25, 0.8)))
+
+
+def latitude(burst: SimulatedBurst, names: Sequence[str], rng: np.random.Generator) -> SimulatedBurst:  # noqa: ARG001
+    """A source out of the ecliptic."""
+    return replace(burst, latitude_deg=float(rng.uniform(-20.0, 20.0)))
+
+
+def uneven(burst: SimulatedBurst, names: Sequence[str], rng: np.random.Generator) -> SimulatedBurst:
+    """Times that are off smoothly along frequency, by .1 to .2 of the rise (rms), differently at each spacecraft."""
+    aspects = {
+        name: Aspect(lag=float(np.sqrt(2.0) * rng.uniform(0.1, 0.2)), lag_phase=float(rng.uniform(0.0, 2.0 * np.pi)))
+        for name in names
+    }
+    return replace(burst, aspects=aspects)
+
+
+def mixed(burst: SimulatedBurst, names: Sequence[str], rng: np.random.Generator) -> SimulatedBurst:
+    """Several departures at once, each with its own probability."""
+    for probability, depart in ((0.6, slowing), (0.6, directional), (0.4, widths), (0.25, double), (0.4, latitude)):
+        if rng.random() < probability:
+            burst = depart(burst, names, rng)
+    return burst
+
+
+Departure = Callable[[SimulatedBurst, Sequence[str], np.random.Generator], SimulatedBurst]
+"""Turns a burst as :func:`draw_burst` gives it into one of a stratum, for the spacecraft of a fleet."""
+
+DEPARTURES: dict[str, tuple[float, Departure]] = {
+    "slowing": (0.2, slowing),
+    "directional": (0.15, directional),
+    "pairs": (0.1, pairs),
+    "widths": (0.05, widths),
+    "double": (0.1, double),
+    "latitude": (0.05, latitude),
+    "uneven": (0.0, uneven),
+    "mixed": (0.1, mixed),
+}
+"""Strata of bursts by name, with their share of the bursts of simulated days; the rest is clean."""
+
+FAST_WIND, SLOW_KM_S, FAST_KM_S, WIND_LIMITS_KM_S = 0.35, (350.0, 40.0), (520.0, 70.0), (260.0, 750.0)
+"""Share of bursts in fast wind, mean and scatter of slow and fast wind, and limits, km/s: wind at 1 au has two states
+(Schwenn 1990, in Physics of the Inner Heliosphere I, doi:10.1007/978-3-642-75361-9_4)."""
+BEAM_C = (0.06, 0.14, 0.36)
+"""Least, most probable and largest speed of a beam, in units of c (Reid & Ratcliffe 2014, Res. Astron. Astrophys. 14,
+773, doi:10.1088/1674-4527/14/7/003: 0.1 to 0.5 near the Sun, less farther out)."""
+DENSITY_FACTOR = (0.7, 3.5)
+DIRECTIVITY = (0.7, 2.5)
+KAPPA = (0.1, 0.3)
+"""Delay of a receiver at a right angle in half widths of the rise: what the delays in simulations of scattering come
+to (Kontar et al. 2019, ApJ 884, 122, doi:10.3847/1538-4357/ab40bb; Chen et al. 2023, MNRAS 520, 3117)."""
+
+
+def _of_a_stratum(burst: SimulatedBurst, names: Sequence[str], rng: np.random.Generator) -> SimulatedBurst:
+    shares = [share for share, _ in DEPARTURES.values()]
+    name = str(rng.choice(["clean", *DEPARTURES], p=[1.0 - sum(shares), *shares]))
+    return burst if name == "clean" else replace(DEPARTURES[name][1](burst, names, rng), stratum=name)
 
 
 def _later(burst: SimulatedBurst, seconds: float) -> np.datetime64:
@@ -156,7 +274,7 @@ def _group(first: SimulatedBurst, rng: np.random.Generator) -> list[SimulatedBur
             first,
             release_utc=_later(first, seconds),
             contrast=first.contrast * 10 ** rng.uniform(-0.6, 0.2),
-            beam_speed_c=float(np.clip(first.beam_speed_c * rng.lognormal(0, 0.2), 0.06, 0.4)),
+            beam_speed_c=float(np.clip(first.beam_speed_c * rng.lognormal(0, 0.2), 0.05, 0.8)),
         )
         for seconds in times
     ]
@@ -209,7 +327,9 @@ def _conditions(observatory: str, arcs: tuple[Nuisance, ...], rng: np.random.Gen
         nuisances.append(_kilometric(rng))
     gaps = [(start, start + rng.uniform(120, 2400)) for start in rng.uniform(0, DAY_S, rng.poisson(0.7))]
     gain = Gain(float(rng.uniform(0, 0.5)), float(rng.choice([0.0, 1.5, -1.5], p=[0.8, 0.1, 0.1])), _anytime(rng))
-    return Conditions(tuple(nuisances), tuple(gaps), gain)
+    clip = float(10.0 ** rng.uniform(1.5, 3.0)) if rng.random() < CLIPPED else np.inf
+    fast_from_s = _anytime(rng) if rng.random() < MODE_CHANGE else np.inf
+    return Conditions(tuple(nuisances), tuple(gaps), gain, clip=clip, fast_from_s=fast_from_s)
 
 
 def _anytime(rng: np.random.Generator) -> float:

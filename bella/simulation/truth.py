@@ -1,21 +1,35 @@
-"""What was simulated, in a form that can be written beside it as JSON."""
+"""What was simulated, in a form that can be written beside it as JSON and read back."""
 
+import json
 from collections.abc import Sequence
 from dataclasses import asdict
 from datetime import date
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from bella.simulation.burst import SimulatedBurst, arrival_s, contrast_at, source_range_rsun
+from bella.exceptions import InputError
+from bella.simulation.burst import (
+    Aspect,
+    Companion,
+    SimulatedBurst,
+    arrival_s,
+    contrast_at,
+    light_arrival_s,
+    mean_beam_speed_c,
+    source_position_rsun,
+)
+from bella.simulation.light_curves import PulseLaw
 from bella.simulation.sky import Conditions, Sky
+from bella.simulation.strata import SimulatedCase
 
 TRUTH_FREQUENCIES = 24
 """So many frequencies of every burst have their true arrival times, evenly spaced in ln f."""
 
 
 def day_truth(sky: Sky, observatories: Sequence[str]) -> dict[str, Any]:
-    """What was to be heard on a day.
+    """What was to be received on a day.
 
     Parameters
     ----------
@@ -26,8 +40,8 @@ def day_truth(sky: Sky, observatories: Sequence[str]) -> dict[str, Any]:
     Returns
     -------
     dict
-        ``day``, ``bursts`` (parameters, and for each spacecraft peak over background and half-rise time at
-        ``frequency_mhz``), ``storm_bursts``, and ``conditions`` by spacecraft: nuisances, gaps, gain.
+        ``day``, ``bursts`` (:func:`burst_truth`), ``storm_bursts``, and ``conditions`` by spacecraft: nuisances, gaps,
+        gain, and the rest.
     """
     return {
         "day": sky.day.isoformat(),
@@ -38,7 +52,7 @@ def day_truth(sky: Sky, observatories: Sequence[str]) -> dict[str, Any]:
 
 
 def burst_truth(burst: SimulatedBurst, observatories: Sequence[str]) -> dict[str, Any]:
-    """Parameters of a burst, and when and how bright each spacecraft hears it.
+    """Parameters of a burst, and when and how bright each spacecraft receives it.
 
     Parameters
     ----------
@@ -48,29 +62,95 @@ def burst_truth(burst: SimulatedBurst, observatories: Sequence[str]) -> dict[str
     Returns
     -------
     dict
+        The parameters, of which :func:`burst_of` makes the burst again; and at ``frequency_mhz`` the position of the
+        main component (``position_rsun``, HEE), and for each spacecraft under ``heard`` peak over background, time of
+        the half-rise of the true light curve, and time at which light alone would have arrived.
     """
     # a hair inside the band, whose ends rounding may leave outside
     ends = (burst.f_low_mhz * (1 + 1e-9), burst.f_high_mhz * (1 - 1e-9))
     frequency_mhz = np.geomspace(*ends, TRUTH_FREQUENCIES)
-    parameters = {name: value for name, value in asdict(burst).items() if name != "release_utc"}
-    if not np.isfinite(burst.directivity):
-        parameters["directivity"] = None  # JSON has no infinity
+    position = source_position_rsun(burst, frequency_mhz)
     return {
-        "release_utc": _stamp(burst.release_utc),
-        **parameters,
+        **_finite(asdict(burst) | {"release_utc": _stamp(burst.release_utc, "ns")}),
+        "mean_beam_speed_c": mean_beam_speed_c(burst, frequency_mhz),
         "frequency_mhz": frequency_mhz.tolist(),
-        "source_range_rsun": source_range_rsun(burst, frequency_mhz).tolist(),
+        "source_range_rsun": np.linalg.norm(position, axis=1).tolist(),
+        "position_rsun": position.tolist(),
         "heard": {name: _heard(burst, frequency_mhz, name) for name in observatories},
     }
 
 
+def burst_of(truth: dict[str, Any]) -> SimulatedBurst:
+    """The burst that a truth describes.
+
+    Parameters
+    ----------
+    truth : dict
+        As :func:`burst_truth` gives it, from JSON or not.
+
+    Returns
+    -------
+    SimulatedBurst
+
+    Raises
+    ------
+    InputError
+        If it does not describe one.
+    """
+    known = {name: truth[name] for name in SimulatedBurst.__dataclass_fields__ if name in truth}
+    try:
+        known["release_utc"] = np.datetime64(known["release_utc"].rstrip("Z"), "ns")
+        known["pulse"] = PulseLaw(**known["pulse"])
+        known["aspects"] = {name: Aspect(**one) for name, one in known["aspects"].items()}
+        if known["companion"] is not None:
+            known["companion"] = Companion(**_infinite(known["companion"]))
+        return SimulatedBurst(**_infinite(known))
+    except (KeyError, TypeError, ValueError, AttributeError) as error:
+        raise InputError(f"this is not the truth of a simulated burst ({error}); give one of truth.json") from error
+
+
+def write_case(case: SimulatedCase, folder: Path) -> list[Path]:
+    """Write the spectra of an isolated burst as netCDF, with its truth beside them.
+
+    Parameters
+    ----------
+    case : SimulatedCase
+    folder : pathlib.Path
+        Made if it is not there.
+
+    Returns
+    -------
+    list of pathlib.Path
+        One file for each spacecraft; ``truth.json`` is beside them.
+    """
+    folder.mkdir(parents=True, exist_ok=True)
+    paths = []
+    for name, spectrum in case.spectra.items():
+        paths.append(folder / f"{name.lower()}.nc")
+        spectrum.to_netcdf(paths[-1], engine="h5netcdf")
+    truth = {
+        "stratum": case.stratum,
+        "fleet": case.fleet,
+        "seed": case.seed,
+        "around_utc": _stamp(case.around_utc),
+        **burst_truth(case.burst, list(case.datasets)),
+    }
+    (folder / "truth.json").write_text(json.dumps(truth, indent=1), encoding="utf-8")
+    return paths
+
+
 def _heard(burst: SimulatedBurst, frequency_mhz: np.ndarray, observatory: str) -> dict[str, Any]:
-    after_s = arrival_s(burst, frequency_mhz, observatory)
-    utc = burst.release_utc + np.rint(after_s * 1e9).astype("timedelta64[ns]")
+    half_rise_s = arrival_s(burst, frequency_mhz, observatory)
+    light_s = light_arrival_s(burst, frequency_mhz, observatory)
     return {
         "peak_over_background": contrast_at(burst, frequency_mhz, observatory).tolist(),
-        "half_rise_utc": [_stamp(moment) for moment in utc],
+        "half_rise_utc": [_later(burst, after_s) for after_s in half_rise_s],
+        "light_utc": [_later(burst, after_s) for after_s in light_s],
     }
+
+
+def _later(burst: SimulatedBurst, after_s: float) -> str:
+    return _stamp(burst.release_utc + np.timedelta64(round(after_s * 1e9), "ns"))
 
 
 def _conditions(day: date, conditions: Conditions) -> dict[str, Any]:
@@ -87,12 +167,28 @@ def _conditions(day: date, conditions: Conditions) -> dict[str, Any]:
         ],
         "gaps_utc": [[_after(day, float(end)) for end in gap] for gap in conditions.gaps_s],
         "gain": asdict(conditions.gain),
+        "clip": conditions.clip if np.isfinite(conditions.clip) else None,
+        "lowest_mhz": conditions.lowest_mhz,
+        "fast_from_utc": _after(day, conditions.fast_from_s) if np.isfinite(conditions.fast_from_s) else None,
     }
+
+
+def _finite(values: dict[str, Any]) -> dict[str, Any]:
+    """The same with None for infinity, which JSON does not have."""
+    return {
+        name: _finite(value) if isinstance(value, dict) else None if value == np.inf else value
+        for name, value in values.items()
+    }
+
+
+def _infinite(values: dict[str, Any]) -> dict[str, Any]:
+    """The same with the directivity that :func:`_finite` has made None."""
+    return values | {"directivity": np.inf} if values["directivity"] is None else values
 
 
 def _after(day: date, seconds: float) -> str:
     return _stamp(np.datetime64(day, "ns") + np.timedelta64(int(seconds * 1e9), "ns"))
 
 
-def _stamp(moment: np.datetime64) -> str:
-    return f"{np.datetime_as_string(moment.astype('datetime64[ns]'), unit='ms')}Z"
+def _stamp(moment: np.datetime64, unit: str = "ms") -> str:
+    return f"{moment.astype(f'datetime64[{unit}]')}Z"

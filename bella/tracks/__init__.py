@@ -1,57 +1,21 @@
-"""Fits to the track of a burst: what its positions say about the field line the beam followed."""
+"""The track of a burst: one source on a Parker spiral, and what else its arrival times and positions say of it.
 
-from bella.tracks.burst import TrackRecipe, fit_track
-from bella.tracks.density_excess import density_excess, inferred_density_cm3
-from bella.tracks.fused import FusedFit, IngredientWeight, fit_fused, fused_json
-from bella.tracks.joint import ModelEvidence, compare_models, fit_ingredients, fit_joint, track_positions, wind_knots
-from bella.tracks.joint_directions import DirectionTerms, check_directions, direction_terms, read_directions
-from bella.tracks.joint_fit import JointFit, joint_json
-from bella.tracks.joint_ingredients import Ingredients, JointOptions
-from bella.tracks.joint_model import JointModel, JointPriors
-from bella.tracks.joint_nuts import sample_joint_nuts
-from bella.tracks.joint_observed import WindPrior
-from bella.tracks.piecewise import PiecewiseSpiral, SpiralSegment, fit_piecewise_spiral, piecewise_fit
-from bella.tracks.scattering import CorrectedSource, ScatteringModel, corrected_source, scattering_model
-from bella.tracks.two_step import SpiralLine, fit_spiral_line, track_fit
-from bella.tracks.wave_directions import wave_directions
+:func:`fit_table` is the door. `model`, `likelihood`, `posterior`, `quality` and `fit` are the headline; `preliminary`
+is the answer of two spacecraft; the other modules stand beside them.
+"""
+
+from bella.tracks.burst import TrackRecipe, fit_table, track_record, with_joint_draws
+from bella.tracks.fit import TrackFit, fit_track
+from bella.tracks.model import TrackModel, WindPrior, measured_wind
 
 __all__ = [
-    "CorrectedSource",
-    "DirectionTerms",
-    "FusedFit",
-    "IngredientWeight",
-    "Ingredients",
-    "JointFit",
-    "JointModel",
-    "JointOptions",
-    "JointPriors",
-    "ModelEvidence",
-    "PiecewiseSpiral",
-    "ScatteringModel",
-    "SpiralLine",
-    "SpiralSegment",
+    "TrackFit",
+    "TrackModel",
     "TrackRecipe",
     "WindPrior",
-    "check_directions",
-    "compare_models",
-    "corrected_source",
-    "density_excess",
-    "direction_terms",
-    "fit_fused",
-    "fit_ingredients",
-    "fit_joint",
-    "fit_piecewise_spiral",
-    "fit_spiral_line",
+    "fit_table",
     "fit_track",
-    "fused_json",
-    "inferred_density_cm3",
-    "joint_json",
-    "piecewise_fit",
-    "read_directions",
-    "sample_joint_nuts",
-    "scattering_model",
-    "track_fit",
-    "track_positions",
-    "wave_directions",
-    "wind_knots",
+    "measured_wind",
+    "track_record",
+    "with_joint_draws",
 ]

@@ -1,8 +1,7 @@
-"""From an arrival table to the track of its burst: the joint fit, and the two-step fit of the paper beside it."""
+"""From the arrival times of a burst to everything that is said of its track."""
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field, replace
-from functools import partial
+from collections.abc import Callable
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -10,21 +9,22 @@ import pandas as pd
 import xarray as xr
 
 from bella.arrivals import MIN_OBSERVATORIES, ArrivalGrid, arrival_grid, check_arrivals, locate_receivers
+from bella.flags import APPARENT_SOURCE
 from bella.heliosphere import PAPER_FIGURES_ROTATION_D
 from bella.multilateration import localise
 from bella.multilateration.priors import apply_sigma_rule, find_preset
-from bella.tracks.fused import fit_fused, fused_json
-from bella.tracks.joint import ModelEvidence, compare_models, wind_knots
-from bella.tracks.joint_directions import DirectionTerms, direction_terms
-from bella.tracks.joint_fit import JointFit, wind_segments
-from bella.tracks.joint_ingredients import Ingredients, JointOptions
-from bella.tracks.joint_model import JointModel
-from bella.tracks.joint_observed import WindPrior
+from bella.records import Track
+from bella.tracks.compare import fused_companion, models_companion
+from bella.tracks.directions import direction_terms
+from bella.tracks.fit import DRAWS, TrackFit, fit_track
+from bella.tracks.model import TrackModel, WindPrior
 from bella.tracks.two_step import track_fit
+from bella.units import FloatArray
 
-FRAME = "HEE"
 FEW_DRAWS = 100
 """The two-step fit takes the means, which are exact: draws would only cost time."""
+
+LEAST_OBSERVATORIES = 2
 
 
 @dataclass(frozen=True)
@@ -33,53 +33,49 @@ class TrackRecipe:
 
     Attributes
     ----------
-    model : JointModel
+    model : TrackModel
     preset : str
         A name of `bella.multilateration.PRESETS`: timing errors of both fits, priors of the positions.
-    common_sd_s : float or None
-        Standard deviation of the offset that all channels of a receiver share in the joint fit, s; None: the table's.
-    others : sequence of JointModel
-        Models to compare with `model`.
-    most_knots : int
-        Models in which the wind changes at up to so many distances are compared as well.
+    covariance_s2 : ndarray, shape (N, N), or None
+        Full covariance of the rows of the table.
+    compare : bool
+        Weigh models with laws as well.
     directions : pandas.DataFrame or None
-        Wave directions, as :func:`bella.tracks.joint_directions.check_directions` returns them.
+        Wave directions, as :func:`bella.tracks.directions.check_directions` returns them.
     floor_deg : float
         Error that all directions of a spacecraft share beside their own, degrees.
     wind : WindPrior or None
-        Speed of the wind along the track as known from elsewhere.
-    options : JointOptions
-        With PyMC where importance sampling fails.
+        Wind of the apparent spiral as measured in situ.
+    draws, seed : int
     """
 
-    model: JointModel = field(default_factory=JointModel)
+    model: TrackModel = field(default_factory=TrackModel)
     preset: str = "default"
-    common_sd_s: float | None = None
-    others: Sequence[JointModel] = ()
-    most_knots: int = 0
+    covariance_s2: FloatArray | None = None
+    compare: bool = False
     directions: pd.DataFrame | None = None
     floor_deg: float = 0.0
     wind: WindPrior | None = None
-    options: JointOptions = field(default_factory=partial(JointOptions, fallback=True))
+    draws: int = DRAWS
+    seed: int = 0
 
 
-def fit_track(
+def fit_table(
     arrivals: pd.DataFrame, recipe: TrackRecipe | None = None, advance: Callable[[int], None] = lambda _: None
-) -> dict[str, Any]:
+) -> Track:
     """Fit the track of a burst jointly, and in two steps for comparison.
 
     Parameters
     ----------
     arrivals : pandas.DataFrame
-        As :func:`bella.arrivals.check_arrivals` returns it.
+        Arrival table of two spacecraft or more.
     recipe : TrackRecipe, optional
     advance : callable
-        Told how many frequencies of the two-step fit are done since the last call.
+        Is called with how many frequencies of the two-step fit are done since the last call.
 
     Returns
     -------
-    dict
-        Ready for JSON: frame, rotation period, ``joint`` and ``two_step``, and ``models``, where models were compared.
+    Track
 
     Raises
     ------
@@ -89,47 +85,100 @@ def fit_track(
         If the time is outside the ephemeris.
     """
     chosen = recipe or TrackRecipe()
-    preset = find_preset(chosen.preset)
-    table = check_arrivals(arrivals)
+    table = check_arrivals(arrivals, heard_by=LEAST_OBSERVATORIES)
     located = locate_receivers(table)
-    grid = apply_sigma_rule(arrival_grid(located, heard_by=1), preset)
-    known = Ingredients(grid, chosen.common_sd_s, _directions(chosen, located, grid.reference_utc), chosen.wind)
-    fused = fit_fused(known, chosen.model, chosen.options)
-    two_step = track_fit(
-        _positions(table, grid, chosen.preset, advance),
+    grid = arrival_grid(located, heard_by=1, covariance_s2=chosen.covariance_s2)
+    grid = apply_sigma_rule(grid, find_preset(chosen.preset))
+    terms = None
+    if chosen.directions is not None:
+        terms = direction_terms(chosen.directions, located, grid.reference_utc, chosen.floor_deg)
+    fit = fit_track(grid, chosen.model, draws=chosen.draws, seed=chosen.seed)
+    companions: dict[str, dict[str, Any]] = {}
+    if fit.draws and (terms is not None or chosen.wind is not None):
+        companions["fused"] = fused_companion(fit, grid, terms, chosen.wind, chosen.seed)
+    if fit.draws and chosen.compare:
+        companions["models"] = models_companion(fit, grid, chosen.seed)
+    line = track_fit(
+        _positions(table, grid, chosen, advance),
         rotation_period_d=chosen.model.rotation_period_d,
         other_rotations_d=(PAPER_FIGURES_ROTATION_D,),
     )
-    return two_step | {"joint": fused_json(fused)} | _compared(known, chosen, fused.fit)
+    return track_record(fit, line, companions)
 
 
-def _directions(recipe: TrackRecipe, located: pd.DataFrame, epoch: np.datetime64) -> DirectionTerms | None:
-    if recipe.directions is None:
-        return None
-    return direction_terms(recipe.directions, located, epoch, recipe.floor_deg)
+def track_record(fit: TrackFit, line: dict[str, Any], companions: dict[str, dict[str, Any]]) -> Track:
+    """Everything that is said of a track, in one record.
+
+    Parameters
+    ----------
+    fit : TrackFit
+    line : dict
+        Two-step fit, as :func:`bella.tracks.two_step.track_fit` returns it.
+    companions : dict
+
+    Returns
+    -------
+    Track
+    """
+    return Track(
+        remark=APPARENT_SOURCE,
+        rotation_period_d=fit.record.rotation_period_d,
+        joint=fit.record,
+        two_step=line["two_step"],
+        two_step_other_rotations=line.get("two_step_other_rotations", {}),
+        companions=companions,
+    )
 
 
-def _positions(table: pd.DataFrame, grid: ArrivalGrid, preset: str, advance: Callable[[int], None]) -> xr.Dataset:
+def _positions(
+    table: pd.DataFrame, grid: ArrivalGrid, recipe: TrackRecipe, advance: Callable[[int], None]
+) -> xr.Dataset:
     """Position of each frequency; of none where no frequency is heard by three receivers."""
     if (np.isfinite(grid.arrival_s).sum(axis=1) >= MIN_OBSERVATORIES).any():
-        return localise(table, preset=preset, draws=FEW_DRAWS, advance=advance)
-    return xr.Dataset({name: ("frequency", np.empty(0)) for name in ("x_rsun", "y_rsun")}, attrs={"frame": FRAME})
+        return localise(table, preset=recipe.preset, draws=FEW_DRAWS, advance=advance)
+    return xr.Dataset({name: ("frequency", np.empty(0)) for name in ("x_rsun", "y_rsun")}, attrs={"frame": "HEE"})
 
 
-def _compared(known: Ingredients, recipe: TrackRecipe, fit: JointFit) -> dict[str, Any]:
-    if not (recipe.others or recipe.most_knots) or not fit.summary:
-        return {}
-    plain = (recipe.model, *recipe.others)
-    knots = [wind_knots(fit, known.arrivals.frequency_mhz, number) for number in range(1, recipe.most_knots + 1)]
-    models = [*plain, *(replace(model, knots_rsun=places) for places in knots for model in plain)]
-    return {
-        "models": [_model_json(one) for one in compare_models(known, models, replace(recipe.options, fallback=False))]
+def with_joint_draws(posterior: xr.Dataset, fit: TrackFit) -> xr.Dataset:
+    """Solution with the draws of its joint fit beside those of its positions.
+
+    Parameters
+    ----------
+    posterior : xarray.Dataset
+        A solution of :func:`bella.multilateration.localise`.
+    fit : TrackFit
+
+    Returns
+    -------
+    xarray.Dataset
+        With ``joint_draws`` (joint_draw, joint_parameter), ``release_s`` counted from the ``reference_time`` of the
+        draws, and ``joint_range_rsun`` (joint_draw, joint_frequency); without them where nothing was fitted.
+    """
+    if not fit.draws:
+        return posterior
+    described = {
+        "units": "as the name of the parameter says",
+        "long_name": "equally weighted posterior draws of the joint fit",
+        "comment": f"One source on one spiral, fitted to all arrival times together; {APPARENT_SOURCE}",
+        "model": fit.record.model,
+        "rotation_period_d": fit.record.rotation_period_d,
+        "reference_time": f"{np.datetime_as_string(fit.reference_utc, unit='ms')}Z",
     }
-
-
-def _model_json(one: ModelEvidence) -> dict[str, Any]:
-    return {
-        "model": one.fit.model.name,
-        "log_bayes_factor": one.log_bayes_factor,
-        "probability": one.probability,
-    } | wind_segments(one.fit)
+    frequency_mhz = np.array([row.frequency_mhz for row in fit.record.profile])
+    drawn = np.stack(list(fit.draws.values()), axis=-1).astype(np.float32)
+    distance = fit.range_rsun(frequency_mhz).astype(np.float32)
+    return posterior.assign(
+        joint_draws=(("joint_draw", "joint_parameter"), drawn, described),
+        joint_range_rsun=(
+            ("joint_draw", "joint_frequency"),
+            distance,
+            {"units": "R_sun", "long_name": "distance of the source from the Sun, draws of the joint fit"},
+        ),
+    ).assign_coords(
+        joint_parameter=(
+            "joint_parameter",
+            np.array(list(fit.draws), dtype=str),
+            {"long_name": "parameter of the joint fit"},
+        ),
+        joint_frequency=("joint_frequency", frequency_mhz, {"units": "MHz", "long_name": "frequency"}),
+    )

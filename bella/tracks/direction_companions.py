@@ -6,10 +6,7 @@ import numpy as np
 
 from bella.exceptions import InputError
 from bella.spacecraft import polar
-from bella.tracks.fused import fit_fused, fused_json
-from bella.tracks.joint_directions import DirectionTerms
-from bella.tracks.joint_ingredients import Ingredients, JointOptions
-from bella.tracks.joint_model import JointModel
+from bella.tracks.directions import DirectionTerms
 from bella.tracks.triangulation import Triangulation, triangulate
 from bella.units import FloatArray
 
@@ -91,28 +88,3 @@ def _place(source: Triangulation) -> dict[str, Any]:
     outwards = source.position_rsun / distance
     sd = float(np.sqrt(outwards @ source.covariance_rsun2 @ outwards))
     return dict(zip(numbers, (distance, sd, longitude, latitude, float(source.miss_rsun.max())), strict=True)) | beside
-
-
-def fused_companion(known: Ingredients, rotation_period_d: float, options: JointOptions) -> dict[str, Any]:
-    """One fit to arrival times, wave directions and a known wind, and what each adds.
-
-    Parameters
-    ----------
-    known : Ingredients
-    rotation_period_d : float
-        Rotation period of the Sun, days.
-    options : JointOptions
-
-    Returns
-    -------
-    dict
-        Ready for JSON, as :func:`bella.tracks.fused_json` returns it.
-
-    Raises
-    ------
-    InputError
-        If there are arrival times alone, which the joint fit has.
-    """
-    if len(known.names) < 2:
-        raise InputError("there are neither wave directions nor a measured wind: the joint fit has the arrival times")
-    return fused_json(fit_fused(known, JointModel(rotation_period_d=rotation_period_d), options))

@@ -89,7 +89,7 @@ def test_no_nuisance_is_taken_for_a_burst(observatory: str, trouble: str) -> Non
 
 
 def test_what_lasts_too_long_at_one_frequency_is_refused_with_that_reason() -> None:
-    what = sky_of(DAY_OF_ARCS, 1)
+    what = sky_of(DAY_OF_ARCS, 55)  # the first with several arcs that last too long
     arcs = [one for one in what.conditions["STEREO-A"].nuisances if one.kind == "jovian_arc"]
     table = detect_bursts(spectrum_of("STEREO-A", DAY_OF_ARCS, [what], 1))
     long = table[table["reason"] == TOO_LONG]
@@ -193,9 +193,10 @@ def test_a_burst_across_midnight_is_found_once() -> None:
 def test_a_clipped_burst_is_still_one(wind: xr.Dataset) -> None:
     quiet = wind["intensity"].median("time")
     clipped = wind.assign(intensity=np.minimum(wind["intensity"], 6.0 * quiet).astype(np.float32))
-    found = accepted(clipped)
+    found, whole = accepted(clipped), accepted(wind)
 
-    assert starts(found) == starts(accepted(wind))
+    assert len(found) == len(whole)
+    assert (found["start_utc"] - whole["start_utc"]).abs().max() <= pd.Timedelta(minutes=2)
 
 
 @pytest.mark.parametrize("observatory", ["WIND", "STEREO-A"])

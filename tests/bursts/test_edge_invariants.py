@@ -12,10 +12,11 @@ from bella.exceptions import InputError
 from bella.flags import EDGE_FLAGS
 from bella.simulation import Receiver, SimulatedBurst, observe
 from bella.simulation.burst import arrival_s
+from bella.simulation.light_curves import PulseLaw
 from benchmarks.edges import Case, simulated
 
 RELEASE = np.datetime64("2012-06-07T19:20:00", "ns")
-BURST = SimulatedBurst(RELEASE, width_factor=1.2, decay_factor=0.75, gamma_shape=1.5)
+BURST = SimulatedBurst(RELEASE, pulse=PulseLaw("emg", 42.0, -0.77, decay_s=130.0))
 FREQUENCY_MHZ = np.geomspace(0.25, 3.0, 24)
 SECOND = np.timedelta64(1_000_000_000, "ns")
 

@@ -3,15 +3,21 @@ from typing import NamedTuple
 import numpy as np
 import pytest
 
-from bella.bursts.edges import Edge
+from bella.bursts.edge import Edge
 from bella.bursts.flank import SampleAveraging, flank_edges
-from bella.bursts.edges import half_maximum_edge
-from bella.bursts.light_curves import decay_s
-from bella.simulation.light_curve import light_curve
+from bella.bursts.half_maximum import half_maximum_edge
+from bella.bursts.widths import decay_s
+from bella.simulation.light_curves import Pulses, pulses
 from benchmarks.edges import INTEGRATION_S, Case, by_flank, simulated, timing
 
 RECEIVERS = {"60 s": (60.0, 60.0), "38 s": (38.0, 2.0), "17 s": (17.0, 2.0), "7 s": (7.0, 7.0)}
 """Cadence and integration time, s."""
+
+
+def light_curve(frequency_mhz: float, rise: float = 1.0, decay: float = 1.0) -> Pulses:
+    """A Gaussian rise smeared by an exponential decay, with its half-rise at 0."""
+    rise_s, decay_time_s = 21.0 * frequency_mhz**-0.77, 75.0 * frequency_mhz**-0.97
+    return pulses("emg", np.array([rise * rise_s]), np.array([decay * decay_time_s]))
 
 
 def flank_edge(
@@ -27,9 +33,9 @@ def observed(
     cadence, integration = RECEIVERS[receiver]
     time = np.arange(-1200.0, 1500.0, cadence) + random.uniform(0, cadence)
     low, high = time - integration / 2, time + integration / 2
-    power = 10 * light_curve(frequency_mhz).mean(low, high)
+    power = 10 * light_curve(frequency_mhz).mean(0, low, high)
     if np.isfinite(second_s):
-        power += 7 * light_curve(frequency_mhz).mean(low - second_s, high - second_s)
+        power += 7 * light_curve(frequency_mhz).mean(0, low - second_s, high - second_s)
     return time, (1 + power) * (1 + 0.05 * random.standard_normal(time.size)) - 1
 
 
@@ -124,16 +130,19 @@ def test_light_curve_without_a_flank_says_why(power: np.ndarray, reason: str) ->
 @pytest.mark.parametrize("second", [False, True], ids=["alone", "second"])
 @pytest.mark.parametrize("contrast", [10.0, 30.0])
 def test_sigma_is_that_of_bursts_unlike_the_fitted_ones(cadence_s: float, second: bool, contrast: float) -> None:
-    """Rises, decays and kernels vary; a second burst may stand in the decay; 120 light curves of three frequencies."""
+    """All families, rises and decays; a second burst may stand in the decay; 120 light curves of three frequencies.
+
+    The stated errors are up to 1.7 times too small for families that the flank does not know.
+    """
     cases = [Case(frequency, cadence_s, second, contrast) for frequency in (0.3, 0.5, 1.0)]
     edges = [edge for case in cases for edge in by_flank(simulated(case, range(2000, 2040)), case)]
     found = timing(edges)
 
     assert abs(found.bias_s) < 3
-    assert found.scatter_s < 4
-    assert 0.75 < found.pull < 1.3
+    assert found.scatter_s < 7
+    assert 0.75 < found.pull < 1.9
     assert found.outliers < 0.01
-    assert found.refused < 0.02
+    assert found.refused < 0.2
 
 
 class Minutes(NamedTuple):
@@ -150,7 +159,7 @@ def minutes_of_visits(frequency_mhz: float, revisit_s: float, dwell_s: float, ra
     rise, decay = np.exp(random.normal(0.0, [0.3, 0.25]))
     begin = np.arange(-1800.0, 1500.0, revisit_s) + random.uniform(0.0, revisit_s)
     curve = light_curve(frequency_mhz, float(rise), float(decay))
-    power = (1 + 15 * curve.mean(begin, begin + dwell_s)) * (1 + 0.05 * random.standard_normal(begin.size)) - 1
+    power = (1 + 15 * curve.mean(0, begin, begin + dwell_s)) * (1 + 0.05 * random.standard_normal(begin.size)) - 1
     middle = begin + 0.5 * dwell_s
     minute = np.floor((middle - begin[0] + random.uniform(0.0, 60.0)) / 60.0).astype(int)
     number = np.bincount(minute)

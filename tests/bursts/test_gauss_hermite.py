@@ -4,8 +4,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.optimize import brentq
 
-from bella.bursts.edges import gauss_hermite, gauss_hermite_edge, mode_widths
-from bella.simulation.light_curve import light_curve
+from bella.bursts.gauss_hermite import gauss_hermite, gauss_hermite_edge, mode_widths
+from bella.simulation.light_curves import PulseLaw
 
 
 def test_published_values_of_the_curve() -> None:
@@ -60,7 +60,8 @@ def observed(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Snapshots of a burst whose half-rise is at 0, with one part in twenty of noise."""
     time = np.arange(-600.0, 1500.0, cadence_s) + phase_s
-    power = light_curve(frequency_mhz).mean(time - 1, time + 1) * (1 + 0.05 * random.standard_normal(time.size))
+    curve = PulseLaw("emg", 35.0, -0.77).curves(np.array([frequency_mhz]))
+    power = curve.mean(0, time - 1, time + 1) * (1 + 0.05 * random.standard_normal(time.size))
     return time, power + 0.005 * random.standard_normal(time.size)
 
 

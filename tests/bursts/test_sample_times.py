@@ -1,5 +1,7 @@
 """What a sample is, a snapshot or a mean of a minute, and how well its time is known, in the error of an edge."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 import xarray as xr
@@ -9,6 +11,7 @@ from bella.bursts.noise import OFFSET_S
 from bella.bursts.timing import HALF_RISE, time_burst
 from bella.simulation import Receiver, observe
 from bella.simulation.burst import arrival_s
+from bella.simulation.light_curves import PulseLaw
 from bella.spectra import combine_receivers
 from bella.spectra.stereo import SWEEP_S, by_minute
 from bella.spectra.sweeps import mean_time_sd_s
@@ -16,7 +19,7 @@ from tests.bursts.recorded import burst_at
 
 CHANNELS_MHZ = np.geomspace(0.3, 6.0, 24)
 DWELL_S = 0.12
-BURST = burst_at(5.0)
+BURST = replace(burst_at(5.0), pulse=PulseLaw("emg", 35.0, -0.77, decay_s=140.0))
 RELEASE = BURST.release_utc.astype("datetime64[ns]")
 SEEDS = range(16)
 SECOND = np.timedelta64(10**9, "ns")

@@ -14,8 +14,7 @@ from typer.testing import CliRunner
 from bella.cli import app
 from bella.exceptions import InputError
 from bella.simulation import SimulatedBurst
-from bella.simulation.archive_days import simulate_days, sky_of
-from bella.simulation.archive_tree import write_spectra
+from bella.simulation.archive_days import simulate_days, sky_of, write_spectra
 from bella.simulation.burst import arrival_s, contrast_at
 from bella.simulation.day import observe_day
 from bella.simulation.instruments import WRITABLE, instruments

@@ -9,7 +9,7 @@ import xarray as xr
 
 from bella.exceptions import InputError, NoDataError
 from bella.simulation import archive_files
-from bella.simulation.archive_tree import write_spectra
+from bella.simulation.archive_days import write_spectra
 from bella.spacecraft import hee_to, position
 from bella.spectra import combine_receivers, given_position_hee, join_days, open_spectra
 from bella.spectra.assembly import Origin, assemble

@@ -1,16 +1,14 @@
-"""Wave directions as a part of the joint likelihood: the angle between them and the lines of sight to the spiral.
+"""Wave directions as a part of the likelihood: the angle between them and the lines of sight to the source.
 
 The angle is taken in the plane that touches the sphere at the measured direction, as a length and two components, each
 of them Gaussian (for small errors the distribution of Fisher 1953, Proc. R. Soc. A 217, 295,
-doi:10.1098/rspa.1953.0064).
-
-Refraction, scattering and calibration turn all directions of a spacecraft alike. With that turn integrated out, the
-covariance of each component is diagonal plus a constant (as in :mod:`bella.tracks.joint_likelihood`), and residuals are
-made independent by the inverse root of it.
+doi:10.1098/rspa.1953.0064). Refraction, scattering and calibration turn all directions of a spacecraft alike; with that
+turn integrated out, the covariance of each component is diagonal plus a constant, and residuals are made independent by
+the inverse root of it.
 """
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
 from typing import Any
@@ -22,7 +20,6 @@ from bella.arrivals import POSITION
 from bella.csv_tables import parse_table, read_table_text
 from bella.exceptions import InputError
 from bella.spacecraft import position_hee
-from bella.tracks.joint_model import JointModel
 from bella.tracks.triangulation import direction
 from bella.units import FloatArray
 
@@ -66,6 +63,15 @@ class DirectionTerms:
     sigma_deg: FloatArray
     shared_deg: float = 0.0
     observatories: tuple[str, ...] = ()
+
+    def within(self, low_mhz: float, high_mhz: float) -> "DirectionTerms | None":
+        """Those of a band of frequencies; None where there are none."""
+        some = np.flatnonzero((self.frequency_mhz >= low_mhz) & (self.frequency_mhz <= high_mhz))
+        if not some.size:
+            return None
+        names = tuple(self.observatories[place] for place in some) if self.observatories else ()
+        parts = {name: getattr(self, name)[some] for name in ("frequency_mhz", "receiver_rsun", "towards", "sigma_deg")}
+        return replace(self, **parts, observatories=names)
 
     @property
     def total_deg(self) -> FloatArray:
@@ -114,28 +120,27 @@ class DirectionTerms:
         lost = (1 - 1 / np.sqrt(1 + shared))[:, None] * unit
         return residual - lost.T @ (unit @ residual)
 
-    def residual(self, model: JointModel, z: FloatArray) -> FloatArray:
-        """Angles between the lines of sight and the measured directions.
+    def residual(self, source_rsun: FloatArray) -> FloatArray:
+        """Angles between the lines of sight to sources and the measured directions.
 
         Parameters
         ----------
-        model : JointModel
-        z : ndarray, shape (N, P)
+        source_rsun : ndarray, shape (B, K, 3)
+            HEE.
 
         Returns
         -------
-        ndarray, shape (N, K, 2)
+        ndarray, shape (B, 2 K)
             Two perpendicular components, in units of the error, as `independent` has them.
         """
-        parameters = model.natural(z)
-        source = model.position_rsun(parameters, model.range_rsun(parameters, self.frequency_mhz))
-        sight = source - self.receiver_rsun
+        sight = source_rsun - self.receiver_rsun
         sight /= np.linalg.norm(sight, axis=-1, keepdims=True)
         across = np.einsum("nki,kmi->nkm", sight, _tangents(self.towards))
         sine = np.linalg.norm(across, axis=-1)
         angle = np.arctan2(sine, np.einsum("nki,ki->nk", sight, self.towards))
         stretch = np.where(sine > SMALL_ANGLE, angle / np.maximum(sine, SMALL_ANGLE), 1.0)
-        return np.asarray(self.independent(across * (stretch / np.radians(self.sigma_deg))[..., None]))
+        alone = self.independent(across * (stretch / np.radians(self.sigma_deg))[..., None])
+        return np.asarray(alone.reshape(len(source_rsun), -1))
 
 
 def _tangents(towards: FloatArray) -> FloatArray:

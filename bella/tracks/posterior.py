@@ -1,0 +1,273 @@
+"""Posterior of a track: longitude on a grid around the circle, everything else Gaussian about its best value there.
+
+At each longitude phi0 the other parameters are fitted by Gauss-Newton, and the integral over them is that of Laplace.
+So the posterior of the longitude is a table on the circle, and a second track comes out by itself. Draws from the table
+and its Gaussians are weighted by the exact density.
+"""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.special import logsumexp
+
+from bella.tracks.likelihood import Likelihood
+from bella.units import FloatArray
+
+COARSE = 48
+"""Longitudes of the first grid: 7.5 degrees apart."""
+
+STARTS = ((0.0, 0.0), (-1.5, 0.0), (1.5, 0.0))
+"""Distance and wind that Gauss-Newton begins with, in standard deviations of their priors."""
+
+KEPT = 14.0
+"""Longitudes within so many nats of the best are looked at more closely: the others have less than 1e-5 in all."""
+
+HOPEFUL = 60.0
+"""Nats below the best after the first iterations, within which a longitude is fitted to the end."""
+
+GAIN = 0.1
+"""Nats by which a node has to become better for its neighbours to be tried from there."""
+
+SHARE = 0.35
+"""Spacing of the last grid over the standard deviation of the longitude."""
+
+FINEST_RAD = np.radians(0.02)
+FIRST_ITERATIONS, ITERATIONS, SMALL = 8, 40, 1e-2
+LARGEST_STEP = 2.0
+WIDER = 1.15
+"""Draws are taken from Gaussians so much wider than those of Laplace, so that weights stay bounded in the wings."""
+
+
+@dataclass(frozen=True)
+class Nodes:
+    """Best parameters at longitudes.
+
+    Attributes
+    ----------
+    phi0_rad : ndarray, shape (B,)
+    z : ndarray, shape (B, P)
+    log_density : ndarray, shape (B,)
+        At the best parameters.
+    hessian : ndarray, shape (B, P, P)
+    """
+
+    phi0_rad: FloatArray
+    z: FloatArray
+    log_density: FloatArray
+    hessian: FloatArray
+
+    @property
+    def log_evidence(self) -> FloatArray:
+        """Integral over z, per longitude, shape (B,)."""
+        return np.asarray(self.log_density - 0.5 * np.linalg.slogdet(self.hessian)[1])
+
+    def take(self, some: np.ndarray) -> "Nodes":
+        """Some of the nodes."""
+        return Nodes(self.phi0_rad[some], self.z[some], self.log_density[some], self.hessian[some])
+
+    def and_also(self, other: "Nodes") -> "Nodes":
+        """Both, by longitude."""
+        joined = [np.concatenate([getattr(self, name), getattr(other, name)]) for name in self.__dataclass_fields__]
+        order = np.argsort(joined[0])
+        return Nodes(*(values[order] for values in joined))
+
+
+@dataclass(frozen=True)
+class Draws:
+    """Weighted draws of a track.
+
+    Attributes
+    ----------
+    phi0_rad : ndarray, shape (M,)
+    z : ndarray, shape (M, P)
+    weight : ndarray, shape (M,)
+        They add up to one.
+    log_evidence : float
+    """
+
+    phi0_rad: FloatArray
+    z: FloatArray
+    weight: FloatArray
+    log_evidence: float
+
+    @property
+    def effective(self) -> float:
+        """Effective number of draws."""
+        return float(1 / (self.weight**2).sum())
+
+
+def climb(likelihood: Likelihood, phi0_rad: FloatArray, z: FloatArray, iterations: int = ITERATIONS) -> Nodes:
+    """Best parameters at given longitudes, by Gauss-Newton with Levenberg's damping, all at once.
+
+    Parameters
+    ----------
+    likelihood : Likelihood
+    phi0_rad : ndarray, shape (B,)
+    z : ndarray, shape (B, P)
+        Where to begin.
+    iterations : int
+
+    Returns
+    -------
+    Nodes
+    """
+    z, damping = z.copy(), np.full(len(z), 1e-3)
+    identity = np.eye(z.shape[1])
+    density = likelihood.log_density(phi0_rad, z)
+    hessian = np.empty((*z.shape, z.shape[1]))
+    active = np.arange(len(z))
+    fresh = np.ones(len(z), dtype=bool)
+    gradient = np.empty_like(z)
+    for _ in range(iterations):
+        new = active[fresh[active]]
+        if new.size:
+            hessian[new], gradient[new] = likelihood.normal_equations(phi0_rad[new], z[new])
+        damped = (
+            hessian[active]
+            + damping[active, None, None] * identity * np.diagonal(hessian[active], axis1=1, axis2=2)[:, None, :]
+        )
+        step = np.linalg.solve(damped, gradient[active][..., None])[..., 0]
+        step = np.clip(step, -LARGEST_STEP, LARGEST_STEP)
+        tried = z[active] + step
+        found = likelihood.log_density(phi0_rad[active], tried)
+        better = found >= density[active] - 1e-9
+        won = active[better]
+        z[won], density[won] = tried[better], found[better]
+        damping[active] = np.where(better, damping[active] / 5, damping[active] * 6)
+        fresh[active] = better
+        small = (np.abs(step) * np.sqrt(np.diagonal(hessian[active], axis1=1, axis2=2))).max(axis=1) < SMALL
+        active = active[~((better & small) | (damping[active] > 1e8))]
+        if not active.size:
+            break
+    return Nodes(phi0_rad, z, density, hessian)
+
+
+def around_the_circle(likelihood: Likelihood) -> Nodes:
+    """Nodes on the circle, close together where the posterior is.
+
+    Parameters
+    ----------
+    likelihood : Likelihood
+
+    Returns
+    -------
+    Nodes
+        By longitude, from -180 degrees.
+    """
+    phi0 = -np.pi + 2 * np.pi * np.arange(COARSE) / COARSE
+    track = likelihood.track
+    level = track.winds + 1
+    tried = []
+    for distance, wind in STARTS:
+        begin = np.zeros((COARSE, track.size))
+        begin[:, level], begin[:, 0] = distance, wind
+        tried.append(climb(likelihood, phi0, begin, FIRST_ITERATIONS))
+    nodes = _best(tried)
+    _fit_from_neighbours(likelihood, nodes)
+    spacing = 2 * np.pi / COARSE
+    while True:
+        evidence = nodes.log_evidence
+        near = np.flatnonzero(evidence > evidence.max() - KEPT)
+        sd = _spread(nodes.phi0_rad, evidence)
+        if spacing <= max(SHARE * sd, FINEST_RAD):
+            return nodes
+        spacing /= 3
+        more = np.concatenate([nodes.phi0_rad[near] + side * spacing for side in (-1, 1)])
+        start = np.concatenate([nodes.z[near]] * 2)
+        more, first = np.unique(np.round(_wrapped(more), 9), return_index=True)
+        fresh = np.abs(_wrapped(more[:, None] - nodes.phi0_rad)).min(axis=1) > 0.5 * spacing
+        nodes = nodes.and_also(climb(likelihood, more[fresh], start[first][fresh]))
+
+
+def _fit_from_neighbours(likelihood: Likelihood, nodes: Nodes) -> None:
+    """Fit the hopeful nodes to the end, and on from those that became better, until no neighbour gains."""
+    changed = np.flatnonzero(nodes.log_evidence > nodes.log_evidence.max() - HOPEFUL)
+    beside: tuple[int, ...] = (0, 1, -1)
+    while changed.size:
+        target = np.concatenate([(changed + side) % COARSE for side in beside])
+        found = climb(likelihood, nodes.phi0_rad[target], nodes.z[np.tile(changed, len(beside))])
+        hopeful = found.log_evidence > nodes.log_evidence.max() - HOPEFUL
+        better = np.flatnonzero(hopeful & (found.log_evidence > nodes.log_evidence[target] + GAIN))
+        better = better[np.argsort(found.log_evidence[better])]  # of two for one node the better is written last
+        for name in Nodes.__dataclass_fields__:
+            getattr(nodes, name)[target[better]] = getattr(found, name)[better]
+        changed, beside = np.unique(target[better]), (1, -1)
+
+
+def _best(tried: list[Nodes]) -> Nodes:
+    """Of several nodes at each longitude the one with the largest evidence."""
+    which = np.argmax([one.log_evidence for one in tried], axis=0)
+    place = np.arange(which.size)
+    return Nodes(
+        *(np.stack([getattr(one, name) for one in tried])[which, place] for name in Nodes.__dataclass_fields__)
+    )
+
+
+def _wrapped(angle_rad: FloatArray) -> FloatArray:
+    return np.asarray((angle_rad + np.pi) % (2 * np.pi) - np.pi)
+
+
+def cells(phi0_rad: FloatArray) -> FloatArray:
+    """Width of the cell of each node on the circle, halfway to its neighbours, radians, shape (B,)."""
+    after = np.diff(phi0_rad, append=phi0_rad[0] + 2 * np.pi)
+    return np.asarray(0.5 * (after + np.roll(after, 1)))
+
+
+def _spread(phi0_rad: FloatArray, log_evidence: FloatArray) -> float:
+    """Standard deviation about the best longitude of what lies within 60 degrees of it, radians."""
+    away = _wrapped(phi0_rad - phi0_rad[np.argmax(log_evidence)])
+    share = cells(phi0_rad) * np.exp(log_evidence - log_evidence.max()) * (np.abs(away) < np.pi / 3)
+    share = share / share.sum()
+    return float(np.sqrt(share @ away**2))
+
+
+def sample(likelihood: Likelihood, nodes: Nodes, number: int, rng: np.random.Generator) -> Draws:
+    """Draws of a track, weighted by their exact density.
+
+    Parameters
+    ----------
+    likelihood : Likelihood
+    nodes : Nodes
+    number : int
+    rng : numpy.random.Generator
+
+    Returns
+    -------
+    Draws
+    """
+    width = cells(nodes.phi0_rad)
+    log_share = np.log(width) + nodes.log_evidence
+    log_share -= logsumexp(log_share)
+    chosen = _systematic(np.exp(log_share), number, rng)
+    after = np.diff(nodes.phi0_rad, append=nodes.phi0_rad[0] + 2 * np.pi)
+    before = np.roll(after, 1)
+    side = rng.uniform(-0.5, 0.5, number)
+    inside = np.where(side > 0, after[chosen] * side, before[chosen] * side)
+    # a cell reaches halfway to its neighbour on each side: its density is uniform on each half
+    log_cell = log_share[chosen] - np.log(np.where(side > 0, after[chosen], before[chosen]))
+    beside = np.where(side > 0, (chosen + 1) % len(width), chosen - 1)
+    mean = nodes.z[chosen] + np.abs(side)[:, None] * (nodes.z[beside] - nodes.z[chosen])
+    root = WIDER * np.linalg.inv(np.linalg.cholesky(nodes.hessian)).transpose(0, 2, 1)
+    normal = rng.standard_normal(mean.shape)
+    z = mean + np.einsum("mpq,mq->mp", root[chosen], normal)
+    log_root = np.linalg.slogdet(root)[1][chosen]
+    log_gauss = -0.5 * (normal**2).sum(axis=1) - log_root - 0.5 * z.shape[1] * np.log(2 * np.pi)
+    phi0 = _wrapped(nodes.phi0_rad[chosen] + inside)
+    prior = -np.log(2 * np.pi) - 0.5 * z.shape[1] * np.log(2 * np.pi)
+    log_weight = likelihood.log_density(phi0, z) + prior - (log_cell + np.log(1.0)) - log_gauss
+    log_weight = np.where(np.isfinite(log_weight), log_weight, -np.inf)
+    total = float(logsumexp(log_weight))
+    return Draws(phi0, z, np.exp(log_weight - total), total - float(np.log(number)))
+
+
+def _systematic(share: FloatArray, number: int, rng: np.random.Generator) -> np.ndarray:
+    """Places drawn with given probabilities, each as often as expected to within one."""
+    place = (np.arange(number) + rng.uniform()) / number
+    return np.minimum(np.searchsorted(np.cumsum(share), place), share.size - 1)
+
+
+def reweighted(draws: Draws, factor: FloatArray) -> Draws:
+    """Draws with their weights multiplied by a factor, shape (M,), such as the prior of a further condition."""
+    weight = draws.weight * factor
+    total = weight.sum()
+    return replace(draws, weight=weight / total, log_evidence=draws.log_evidence + float(np.log(total)))
