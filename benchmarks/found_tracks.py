@@ -1,159 +1,178 @@
-"""The joint fit of bursts as a day finds them: from t(f) at forty frequencies, or from the edges of the channels.
+"""Bursts of laws that no fit knows, from spectra to tracks: how often the intervals hold the truth, stratum by stratum.
 
-Run with ``python -m benchmarks.found_tracks [--bursts 300]``. Bursts of :func:`bella.simulation.sky.draw_burst`, at the
-positions of 2012-06-07, as Wind (records of 60 s), STEREO-A and STEREO-B (snapshots every 38 s) record them.
+Run with ``python -m benchmarks.found_tracks [--bursts 20] [--strata clean slowing] [--fleets 2012 2021] [--first 0]``.
+Bursts are those of :func:`bella.simulation.strata.isolated_burst` with seeds for judging: choose nothing by them. What
+is run is what the commands run: search, edges, arrival table with its covariance, positions, track.
 """
 
 import argparse
+import itertools
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
-from datetime import date
+from dataclasses import dataclass
 
 import numpy as np
-import pandas as pd
 from rich.console import Console
 from rich.progress import track as progress
 from rich.table import Table
+from scipy import stats
 
-from bella.arrivals import ArrivalGrid, arrival_grid, locate_receivers
-from bella.bursts.channel_arrivals import channel_arrivals
 from bella.bursts.detection import search
-from bella.bursts.edges import METHOD_OF_EDGE
 from bella.bursts.timing import (
-    TimedBurst,
-    arrival_table,
-    burst_edges,
+    arrival_frame,
+    arrivals_at,
+    burst_spectrum,
     candidate_near,
     shared_frequencies_mhz,
-    timed_burst,
-    why_not_timed,
+    time_burst,
 )
-from bella.exceptions import NoDataError
-from bella.heliosphere import SIDEREAL_ROTATION_D
-from bella.simulation.burst import SimulatedBurst
-from bella.simulation.instruments import LIST_MODE_KHZ
-from bella.simulation.receiver import Receiver, observe
-from bella.simulation.sky import draw_burst
-from bella.tracks import JointFit
-from bella.tracks.published import joint_track
+from bella.exceptions import BellaError
+from bella.multilateration import localise
+from bella.records import Interval, Parameter
+from bella.simulation.burst import arrival_s, source_position_rsun
+from bella.simulation.strata import FLEETS, STRATA, SimulatedCase, isolated_burst, judging_seed
+from bella.tracks import TrackRecipe, fit_table
 from bella.units import FloatArray
 
-DAY = date(2012, 6, 7)
-WIND_MHZ = np.unique(np.concatenate([LIST_MODE_KHZ * 1e-3, np.arange(1.075, 13.8251, 0.4)]))
-STEREO_MHZ = np.arange(0.125, 16.0251, 0.05)
-RECORDS_S = {"WIND": (WIND_MHZ, 60.0, 60.0), "STEREO-A": (STEREO_MHZ, 38.05, 1.0), "STEREO-B": (STEREO_MHZ, 38.05, 1.0)}
-"""Channels, cadence and integration time."""
-
-BEFORE, LASTS, ONSET = np.timedelta64(90, "m"), np.timedelta64(300, "m"), np.timedelta64(500, "s")
-DRAWS = 1000
-EDGES = ("half_rise", "half_maximum")
+FREQUENCIES = 20
+LEVELS = (0.68, 0.95)
+FAR_SIGMA = 3.0
 Row = tuple[str, ...]
 
 
 @dataclass(frozen=True)
-class Simulated:
-    """A burst and what was timed of it, by the definition of the edge."""
+class Judged:
+    """One burst against its truth.
 
-    burst: SimulatedBurst
-    timed: dict[str, TimedBurst]
+    Attributes
+    ----------
+    edge : str
+        Definition of the edge that its times have.
+    difference_s, pull : ndarray
+        Errors of the differences of arrival times between spacecraft, s and in their stated errors.
+    away : ndarray
+        Mahalanobis distance squared of each true position.
+    inside : dict of str to (bool, bool)
+        Whether the 68 % and 95 % intervals of longitude, wind and beam speed hold the truth.
+    longitude_error_deg : float
+        Of the median, from 0 to 180.
+    flags : tuple of str
+    """
 
-
-def curve(timed: TimedBurst, edge: str) -> ArrivalGrid:
-    """Arrival times from t(f) at forty frequencies."""
-    return _grid(arrival_table(timed, shared_frequencies_mhz(timed), METHOD_OF_EDGE[edge]))
-
-
-def channels(timed: TimedBurst, _edge: str) -> ArrivalGrid:
-    """Arrival times of the channels."""
-    return _grid(channel_arrivals(timed))
-
-
-def _grid(table: pd.DataFrame) -> ArrivalGrid:
-    return arrival_grid(locate_receivers(table), heard_by=1)
-
-
-def simulated(seed: int) -> Simulated | None:
-    """Draw a burst and time it; None where the search shows nothing near it."""
-    rng = np.random.default_rng([20120607, seed])
-    noon = np.datetime64(DAY, "ns") + np.timedelta64(int(rng.uniform(6, 18) * 3600), "s")
-    burst = replace(draw_burst(DAY, rng), release_utc=noon)
-    start = noon - BEFORE + np.timedelta64(int(rng.uniform(0, 60e3)), "ms")
-    spectra = {}
-    parts: dict[str, list[pd.DataFrame]] = {edge: [] for edge in EDGES}
-    try:
-        for name, (frequency_mhz, cadence_s, integration_s) in RECORDS_S.items():
-            receiver = Receiver(name, name, frequency_mhz, cadence_s, integration_s, np.zeros(frequency_mhz.size))
-            searched = search(observe(receiver, [burst], start, start + LASTS, rng))
-            spectra[name], one = searched.over, candidate_near(searched, noon + ONSET)
-            for edge in EDGES:
-                parts[edge].append(burst_edges(searched, one, METHOD_OF_EDGE[edge]))
-    except NoDataError:
-        return None
-    return Simulated(burst, {edge: timed_burst(pd.concat(parts[edge], ignore_index=True), spectra) for edge in EDGES})
+    edge: str
+    difference_s: FloatArray
+    pull: FloatArray
+    away: FloatArray
+    inside: dict[str, tuple[bool, bool]]
+    longitude_error_deg: float
+    flags: tuple[str, ...]
 
 
-def rows(bursts: list[Simulated], edge: str) -> Iterator[Row]:
-    """One row for each way to fit the bursts that can be placed by an edge."""
-    placed = [one for one in bursts if not why_not_timed(one.timed[edge], list(RECORDS_S))]
-    ways = {"t(f), 40 frequencies": (curve, True), "channel edges": (channels, False)}
-    for words, (grid_of, from_curve) in ways.items():
-        grids = [grid_of(one.timed[edge], edge) for one in placed]
-        fits = [
-            joint_track(grid, SIDEREAL_ROTATION_D, DRAWS, seed, from_curve=from_curve)[1]
-            for seed, grid in enumerate(grids)
-        ]
-        times = np.median([np.isfinite(grid.arrival_s).sum() for grid in grids])
-        kept = [(one.burst, fit) for one, fit in zip(placed, fits, strict=True) if fit.draws]
-        poor = sum("poor_fit" in fit.flags for fit in fits)
-        yield edge, words, f"{len(kept)} of {len(placed)}", f"{times:.0f}", *_columns(kept), f"{poor}"
+def judged(case: SimulatedCase) -> Judged:
+    """Run a case through everything.
+
+    Raises
+    ------
+    BellaError
+        If no answer is given.
+    """
+    searched = [search(one) for one in case.spectra.values()]
+    timed = time_burst([burst_spectrum(one, candidate_near(one, case.around_utc)) for one in searched])
+    rows = arrivals_at(timed, shared_frequencies_mhz(timed, FREQUENCIES))
+    table, covariance_s2 = arrival_frame(timed, rows), rows.covariance_s2()
+    released_s = (case.burst.release_utc - timed.reference_utc) / np.timedelta64(1, "s")
+    truth_s = np.zeros(len(table))
+    for name in set(rows.observatory):
+        its = rows.observatory == name
+        truth_s[its] = released_s + arrival_s(case.burst, rows.frequency_mhz[its], str(name))
+    error_s = rows.arrival_s - truth_s
+    one, other = np.nonzero(np.triu(rows.frequency_mhz[:, None] == rows.frequency_mhz, 1))
+    sd_s = np.sqrt(covariance_s2[one, one] + covariance_s2[other, other] - 2.0 * covariance_s2[one, other])
+    difference_s = error_s[one] - error_s[other]
+    away = np.empty(0)
+    if len(case.spectra) > 2:
+        solved = localise(table, draws=10)
+        off = np.stack([solved[name].to_numpy() for name in ("x_rsun", "y_rsun")], axis=1)
+        off -= source_position_rsun(case.burst, solved["frequency"].to_numpy())[:, :2]
+        names = ("cov_xx_rsun2", "cov_xy_rsun2", "cov_xy_rsun2", "cov_yy_rsun2")
+        spread = np.stack([solved[name].to_numpy() for name in names], axis=1).reshape(-1, 2, 2)
+        away = np.einsum("fi,fij,fj->f", off, np.linalg.inv(spread), off)
+    joint = fit_table(table, TrackRecipe(covariance_s2=covariance_s2)).joint
+    speed_c = case.mean_beam_speed_c(rows.frequency_mhz)
+    inside = {
+        "longitude": (_in_region(joint.phi0_68, case.burst.phi0_deg), _in_region(joint.phi0_95, case.burst.phi0_deg)),
+        "wind": _in_intervals(joint.v_sw_km_s, case.burst.v_sw_km_s),
+        "beam": _in_intervals(joint.beam_speed_c, speed_c),
+    }
+    median = np.nan if joint.phi0_deg.q50 is None else joint.phi0_deg.q50
+    error_deg = abs((median - case.burst.phi0_deg + 180.0) % 360.0 - 180.0)
+    return Judged(timed.edge, difference_s, difference_s / sd_s, away, inside, error_deg, joint.flags)
 
 
-def _columns(kept: list[tuple[SimulatedBurst, JointFit]]) -> Iterator[str]:
-    for name, digits in (("phi0_deg", 1), ("v_sw_km_s", 0)):
-        stated = [fit.summary[name] for _, fit in kept]
-        low68, high68, low95, high95, mean, sd = (
-            np.array([getattr(one, end) for one in stated]) for end in ("q16", "q84", "q2_5", "q97_5", "mean", "sd")
-        )
-        truth = _beside(np.array([getattr(burst, name) for burst, _ in kept]), mean, name)
-        yield f"{_share(low68, truth, high68):.2f}, {_share(low95, truth, high95):.2f}"
-        yield f"{np.median(sd):.{digits}f}"
-        yield f"{np.quantile(np.abs(mean - truth), 0.68):.{digits}f}"
+def _in_region(parts: tuple[Interval, ...], longitude_deg: float) -> bool:
+    return any((longitude_deg - one.low) % 360.0 <= one.high - one.low for one in parts)
 
 
-def _beside(truth: FloatArray, mean: FloatArray, name: str) -> FloatArray:
-    return mean + (truth - mean + 180) % 360 - 180 if name == "phi0_deg" else truth
+def _in_intervals(stated: Parameter, truth: float) -> tuple[bool, bool]:
+    pairs = (stated.q16, stated.q84), (stated.q2_5, stated.q97_5)
+    first, second = (low is not None and high is not None and low <= truth <= high for low, high in pairs)
+    return first, second
 
 
-def _share(low: FloatArray, truth: FloatArray, high: FloatArray) -> float:
-    return float(((low <= truth) & (truth <= high)).mean())
+def share(hits: int, number: int) -> str:
+    """Share with its 95 % Wilson interval."""
+    if not number:
+        return "-"
+    low, high = stats.binomtest(hits, number).proportion_ci(0.95, method="wilson")
+    return f"{hits / number:.2f} ({low:.2f}-{high:.2f})"
+
+
+def row(stratum: str, fleet: str, found: list[Judged], asked: int) -> Iterator[str]:
+    """Columns of one stratum and fleet."""
+    yield stratum
+    yield fleet
+    yield f"{len(found)} of {asked}"
+    if not found:
+        return
+    off, pull, away = (
+        np.concatenate([getattr(one, name) for one in found]) for name in ("difference_s", "pull", "away")
+    )
+    yield f"{np.median(off):+.1f}, {1.48 * np.median(np.abs(off - np.median(off))):.1f}"
+    yield f"{np.sqrt(np.mean(pull**2)):.2f}"
+    limits = stats.chi2.ppf(LEVELS, 2)
+    yield ", ".join(f"{np.mean(away < limit):.2f}" for limit in limits) if away.size else "-"
+    far = sum(bool(one.away.size and np.median(one.away) > FAR_SIGMA**2) for one in found)
+    yield f"{far}"
+    for name in ("longitude", "wind", "beam"):
+        inside = np.array([one.inside[name] for one in found])
+        yield f"{share(int(inside[:, 0].sum()), len(found))}, {inside[:, 1].mean():.2f}"
+    yield f"{np.nanmedian([one.longitude_error_deg for one in found]):.1f}"
+    yield f"{sum('poor_fit' in one.flags for one in found)}"
 
 
 def main() -> None:
     """Print the table."""
-    parser = argparse.ArgumentParser(description="Joint fit of found bursts: from t(f) or from the channels.")
-    parser.add_argument("--bursts", type=int, default=300, help="how many to simulate")
-    seeds = range(parser.parse_args().bursts)
-    found = [one for seed in progress(seeds, "bursts") if (one := simulated(seed)) is not None]
-    table = Table(title="Truth inside the stated intervals; median of the stated errors; error that 68 % stay below")
-    names = (
-        "edge",
-        "fitted from",
-        "fits",
-        "times",
-        "phi0 68, 95",
-        "sd",
-        "error",
-        "v_sw 68, 95",
-        "sd",
-        "error",
-        "poor_fit",
+    parser = argparse.ArgumentParser(description="Isolated bursts of all strata, from spectra to tracks.")
+    parser.add_argument("--bursts", type=int, default=20, help="of each stratum and fleet")
+    parser.add_argument("--first", type=int, default=0, help="number of the first burst")
+    parser.add_argument(
+        "--strata", nargs="+", choices=list(STRATA), default=["clean", "slowing", "directional", "pairs"]
     )
-    for name in names:
+    parser.add_argument("--fleets", nargs="+", choices=list(FLEETS), default=["2012", "2021"])
+    asked = parser.parse_args()
+    table = Table(title="Truth inside the stated intervals, 68 % (Wilson 95 %) and 95 %")
+    names = ("stratum", "fleet", "bursts", "differences s: bias, MAD", "pull", "positions 68, 95", "far", "longitude")
+    for name in (*names, "wind", "beam", "longitude error deg", "poor fit"):
         table.add_column(name)
-    for edge in EDGES:
-        for row in rows(found, edge):
-            table.add_row(*row)
-    Console(width=140).print(table)
+    console = Console(width=190)
+    for stratum, fleet in itertools.product(asked.strata, asked.fleets):
+        found = []
+        for number in progress(range(asked.first, asked.first + asked.bursts), f"{stratum} {fleet}", console=console):
+            try:
+                found.append(judged(isolated_burst(stratum, fleet, judging_seed(number))))
+            except (BellaError, np.linalg.LinAlgError) as error:
+                console.print(f"{stratum} {fleet} {number}: {error}", soft_wrap=True)
+        table.add_row(*row(stratum, fleet, found, asked.bursts))
+    console.print(table)
 
 
 if __name__ == "__main__":

@@ -33,7 +33,7 @@ FAR_SIDE_DEG = -155.0
 
 SHALLOW_MHZ = np.array([1.0, 1.4])
 TRACK_MHZ = np.geomspace(0.25, 2.0, 20)
-METHODS = ("flank", "half_maximum")
+METHODS = ("half_rise", "half_maximum")
 
 TABLE_MHZ = np.array([2.0, 1.5, 1.0, 0.8, 0.6, 0.4, 0.3, 0.2])
 TABLE_RANGE_RSUN = np.array([15.0, 20.0, 29.0, 36.0, 48.0, 68.0, 87.0, 122.0])
@@ -129,7 +129,7 @@ def test_wind_scatters_less_at_the_times_of_its_visits(day_2020: Heard, burst_id
 
 def test_the_burst_of_02_54_runs_out_on_the_far_side(day_2020: Heard) -> None:
     """Earlier by hand: 19 to 77 solar radii, 171 to 148 degrees."""
-    timed = timed_burst(day_2020.edges("T3-20200721-0253", "flank"), day_2020.spectra)
+    timed = timed_burst(day_2020.edges("T3-20200721-0253", "half_rise"), day_2020.spectra)
     range_rsun, longitude_deg = placed(arrival_table(timed, np.geomspace(0.34, 2.0, 6)))
 
     assert why_not_timed(timed, day_2020.bursts["T3-20200721-0253"].observatories) == ""
@@ -139,7 +139,7 @@ def test_the_burst_of_02_54_runs_out_on_the_far_side(day_2020: Heard) -> None:
     assert (np.diff(longitude_deg) < 0.0).all(), "a spiral runs to the east"
 
 
-@pytest.mark.parametrize(("method", "phi0_deg"), [("flank", 162.8), ("half_maximum", 172.4)])
+@pytest.mark.parametrize(("method", "phi0_deg"), [("half_rise", 162.8), ("half_maximum", 172.4)])
 def test_one_spiral_through_the_burst_of_02_54(day_2020: Heard, method: str, phi0_deg: float) -> None:
     fit = joint_of(day_2020.arrivals("T3-20200721-0253", method, TRACK_MHZ))
 
@@ -152,11 +152,11 @@ def test_the_burst_of_06_20_is_not_offered_as_placed(day_2020: Heard) -> None:
     burst = day_2020.bursts["T3-20200721-0623"]
 
     assert burst.reason == "not localisable: group"
-    timed = timed_burst(day_2020.edges(burst.burst_id, "flank"), day_2020.spectra)
+    timed = timed_burst(day_2020.edges(burst.burst_id, "half_rise"), day_2020.spectra)
     assert "do not drift downwards" in why_not_timed(timed, burst.observatories)
 
 
-@pytest.mark.parametrize(("method", "least_deg"), [("flank", 25.0), ("half_maximum", 120.0)])
+@pytest.mark.parametrize(("method", "least_deg"), [("half_rise", 25.0), ("half_maximum", 120.0)])
 def test_placed_all_the_same_it_is_on_the_far_side_and_known_badly(
     day_2020: Heard, method: str, least_deg: float
 ) -> None:
@@ -170,7 +170,7 @@ def test_placed_all_the_same_it_is_on_the_far_side_and_known_badly(
     assert (np.abs(middle + FAR_SIDE_DEG) > 130.0).all()
 
 
-@pytest.mark.parametrize(("method", "flag"), [("flank", "poor_fit"), ("half_maximum", "arrivals_down_weighted")])
+@pytest.mark.parametrize(("method", "flag"), [("half_rise", "poor_fit"), ("half_maximum", "arrivals_down_weighted")])
 def test_one_spiral_through_the_burst_of_06_20_begins_on_the_far_side(day_2020: Heard, method: str, flag: str) -> None:
     fit = joint_of(day_2020.arrivals("T3-20200721-0623", method, TRACK_MHZ))
     beside_deg = (fit.summary["phi0_deg"].mean - FAR_SIDE_DEG + 180.0) % 360.0 - 180.0
@@ -183,7 +183,7 @@ def test_one_spiral_through_the_burst_of_06_20_begins_on_the_far_side(day_2020: 
 
 def test_channels_that_were_not_measured_pull_it_by_80_degrees(reference_files: Path, day_2020: Heard) -> None:
     raw = heard(real_day_2020.wind_as_archived(reference_files), day_2020.spectra["STEREO-A"], day_2020.spectra["PSP"])
-    beside_deg = longitudes_beside(raw.arrivals("T3-20200721-0623", "flank", SHALLOW_MHZ), FAR_SIDE_DEG)
+    beside_deg = longitudes_beside(raw.arrivals("T3-20200721-0623", "half_rise", SHALLOW_MHZ), FAR_SIDE_DEG)
 
     assert (np.quantile(beside_deg, 0.5, axis=1) > 60.0).all()
     assert (np.quantile(beside_deg, 0.025, axis=1) > 0.0).all()

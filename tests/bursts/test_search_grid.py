@@ -7,7 +7,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from bella.bursts.matched_filter import BEAM_SPEEDS_C, channel_match, drift_delays_s, drift_match
-from bella.bursts.search_grid import (
+from bella.bursts.matched_filter import (
     CHANNELS,
     EDGES_MHZ,
     FREQUENCY_MHZ,
