@@ -58,6 +58,10 @@ OFFSET_S = 0.15
 """Timing offset of a spacecraft beside its clock and its sample times: what simulated bursts leave."""
 
 
+LEAST_SIGMA_S = 0.1
+"""Independent error that the table gives every time at least."""
+
+
 @dataclass(frozen=True)
 class Timed:
     """Arrival times of one burst with their noise.
@@ -289,6 +293,22 @@ def at_frequencies(timed: Timed, frequency_mhz: FloatArray) -> Timed:
     return replace(timed, **joined, channel_share=0.0, correlated_s2=block_diag(*blocks))
 
 
+def _smooth_share(timed: Timed) -> FloatArray:
+    """Share of the variance of interpolated times that is smooth along frequency, from what neighbours have in common."""
+    share = np.zeros(timed.frequency_mhz.size)
+    log_f, deviation = np.log(timed.frequency_mhz), np.sqrt(np.diag(timed.correlated_s2))
+    for name in dict.fromkeys(timed.observatory):
+        rows = np.flatnonzero(timed.observatory == name)
+        rows = rows[np.argsort(log_f[rows])]
+        before, after = rows[:-1], rows[1:]
+        if not before.size:
+            continue
+        common = timed.correlated_s2[before, after] / np.maximum(deviation[before] * deviation[after], LEAST_SIGMA_S**2)
+        expected = np.exp(-0.5 * ((log_f[after] - log_f[before]) / SHAPE_LENGTH_LN_F) ** 2)
+        share[rows] = np.clip(np.median(common / expected), 0.0, 1.0)
+    return share
+
+
 def noise_columns(timed: Timed) -> dict[str, FloatArray]:
     """Noise of the arrival times as an arrival table has it.
 
@@ -318,9 +338,10 @@ def noise_columns(timed: Timed) -> dict[str, FloatArray]:
     shape = (own**2).sum(axis=1) + (timed.shape_share * timed.rise_s) ** 2
     alone = timed.independent_sd_s() ** 2
     if timed.correlated_s2.size:
-        alone = alone + np.diag(timed.correlated_s2)
+        smooth = np.diag(timed.correlated_s2) * _smooth_share(timed)
+        alone, shape = alone + np.diag(timed.correlated_s2) - smooth, shape + smooth
     return {
-        "sigma_s": np.sqrt(alone),
+        "sigma_s": np.sqrt(np.maximum(alone, LEAST_SIGMA_S**2)),
         "shape_sd_s": np.sqrt(shape),
         "offset_sd_s": timed.offset_s,
         "rise_s": timed.rise_s,
