@@ -14,7 +14,7 @@ import xarray as xr
 from scipy.signal import find_peaks
 
 from bella.bursts.detection import detect_bursts
-from bella.bursts.search_grid import FREQUENCY_MHZ
+from bella.bursts.matched_filter import FREQUENCY_MHZ
 from bella.simulation.archive_days import sky_of
 from bella.simulation.burst import SimulatedBurst, arrival_s, contrast_at
 from bella.simulation.day import observe_day

@@ -6,6 +6,7 @@ import matplotlib.image
 import numpy as np
 import pytest
 import xarray as xr
+from bella.tracks.published import joint_track, with_joint_draws
 from matplotlib.figure import Figure
 
 from bella.heliosphere import spiral_longitude_deg
@@ -15,7 +16,6 @@ from bella.plotting.geometry import TrackView
 from bella.plotting.spiral_band import PERCENTS, SpiralBand, band_outline, spiral_band
 from bella.plotting.track import _draw_band
 from bella.tracks import JointModel
-from bella.tracks.published import joint_track, with_joint_draws
 from tests.plotting.synthetic import synthetic_posterior, synthetic_track_fit
 from tests.tracks.bursts import simulated, standard
 

@@ -3,10 +3,10 @@
 from dataclasses import replace
 
 import numpy as np
+from bella.tracks.joint_model import PHI0
 
 from bella.arrivals import ArrivalGrid
 from bella.tracks import DirectionTerms, JointModel
-from bella.tracks.joint_model import PHI0
 from bella.units import AU_RSUN, C_RSUN_S
 
 FREQUENCY_MHZ = np.geomspace(0.15, 2.0, 40)

@@ -6,12 +6,12 @@ from dataclasses import replace
 import numpy as np
 import pandas as pd
 import pytest
+from bella.tracks.joint_directions import DirectionTerms
 
 from bella.exceptions import InputError
 from bella.heliosphere import spiral_position_rsun
 from bella.tracks import Ingredients, JointModel, JointOptions, check_directions, direction_terms
 from bella.tracks.direction_companions import fused_companion, triangulation_companion
-from bella.tracks.joint_directions import DirectionTerms
 from tests.tracks.bursts import FREQUENCY_MHZ, simulated, standard
 
 EPOCH = np.datetime64("2012-06-07T19:00", "ns")

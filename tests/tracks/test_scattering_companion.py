@@ -5,12 +5,12 @@ from typing import Any
 
 import numpy as np
 import pytest
+from bella.tracks.published import joint_track
 
 from bella.exceptions import NoDataError
 from bella.flags import APPARENT_SOURCE
 from bella.heliosphere import DENSITY_MODELS, emission_range_rsun, spiral_longitude_deg
 from bella.tracks import JointFit, JointModel, scattering_model
-from bella.tracks.published import joint_track
 from bella.tracks.scattering import NONE
 from bella.tracks.scattering_companion import corrected_spiral, scattering_companion
 from tests.tracks.bursts import simulated, standard
