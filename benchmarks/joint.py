@@ -10,6 +10,7 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
+from bella.tracks.joint_likelihood import OFFSET_SHARE
 from rich.console import Console
 from rich.table import Table
 from scipy.stats import binomtest
@@ -27,7 +28,6 @@ from bella.tracks import (
     fit_joint,
     sample_joint_nuts,
 )
-from bella.tracks.joint_likelihood import OFFSET_SHARE
 from bella.units import AU_RSUN, C_RSUN_S, FloatArray
 from benchmarks.localisation import seconds
 

@@ -13,7 +13,7 @@ import pandas as pd
 from rich.console import Console
 
 from bella.arrivals import ArrivalGrid
-from bella.bursts.time_evolution import fit_time_evolution
+from bella.bursts.event import fit_time_evolution
 from bella.heliosphere import SIDEREAL_ROTATION_D
 from bella.multilateration import localise
 from bella.tracks import fit_joint, joint_json, piecewise_fit, track_fit

@@ -43,7 +43,7 @@ from bella.bursts.edges import (
     quiet_noise,
     spacing_s,
 )
-from bella.bursts.light_curves import RiseOfBurst, decay_s
+from bella.bursts.light_curves import LightCurves, RiseOfBurst, decay_s, own_rise
 from bella.units import FloatArray
 
 RISE_SPREAD, DECAY_SPREAD = 0.4, 0.35
@@ -417,7 +417,7 @@ def flank_edges(  # noqa: PLR0913 - one light curve has as many parts
     frequency_mhz: FloatArray,
     averaging: FloatArray | float | SampleAveraging,
     *,
-    rises: RiseOfBurst = RiseOfBurst(),  # noqa: B008 - frozen
+    rises: RiseOfBurst | None = None,
 ) -> list[Edge]:
     """Half-rise time of every channel.
 
@@ -434,7 +434,7 @@ def flank_edges(  # noqa: PLR0913 - one light curve has as many parts
     averaging : float, numpy.ndarray of shape (C,), or SampleAveraging
         Time that one sample averages over, s; or that and which samples are the mean of two visits.
     rises : RiseOfBurst
-        Half width of the rise at each frequency; of a typical burst unless given.
+        Half width of the rise at each frequency; that which the light curves show unless given.
 
     Returns
     -------
@@ -449,6 +449,8 @@ def flank_edges(  # noqa: PLR0913 - one light curve has as many parts
         np.broadcast_to(over.apart_s, power.shape),
     )
     channels = []
+    if rises is None:
+        rises = own_rise([LightCurves("", frequency_mhz, times, power, 0.0, cadence_s, means_s, apart_s)])
     rise, decay = rises.rise_s(frequency_mhz), decay_s(frequency_mhz)
     for index in range(frequency_mhz.size):
         known = np.isfinite(power[:, index])

@@ -204,7 +204,7 @@ def spectrum_edges(spectrum: xr.Dataset, edge: str = HALF_RISE, window_utc: Wind
     measured = _measured(spectrum, window_utc)
     start = measured["time"].to_numpy()[0].astype("datetime64[ns]")
     light = light_curves(measured, start)
-    found = _light_curve_edges(light, edge, RiseOfBurst())
+    found = _light_curve_edges(light, edge, None)
     frame = _edge_frame(light, found, edge, start)
     return frame.assign(sigma_s=np.hypot(frame["sigma_s"], _sample_time_sd_s(measured)))
 
@@ -254,7 +254,7 @@ def _sample_time_sd_s(spectrum: xr.Dataset) -> FloatArray:
     return np.nan_to_num(spectrum["sample_time_sd_s"].to_numpy().astype(np.float64))
 
 
-def _light_curve_edges(light: LightCurves, edge: str, rises: RiseOfBurst) -> list[Edge]:
+def _light_curve_edges(light: LightCurves, edge: str, rises: RiseOfBurst | None) -> list[Edge]:
     if edge == HALF_RISE:
         averaging = SampleAveraging(light.integration_s, light.apart_s)
         return flank_edges(light.time_s, light.power, light.cadence_s, light.frequency_mhz, averaging, rises=rises)

@@ -207,7 +207,7 @@ def test_any_numbers_give_an_edge_or_a_known_flag(seed: int) -> None:
 
 
 def test_what_cannot_be_done_is_said() -> None:
-    with pytest.raises(InputError, match="'peak' is not a way to find edges: choose one of flank, half_maximum"):
+    with pytest.raises(InputError, match="'peak' is not an edge of one light curve: choose one of half_rise"):
         spectrum_edges(SWEPT, "peak")
     with pytest.raises(InputError, match="no record between"):
         spectrum_edges(SWEPT, window_utc=(RELEASE + np.timedelta64(9, "h"), RELEASE + np.timedelta64(10, "h")))

@@ -116,7 +116,7 @@ def test_the_table_places_the_source_where_it_was(timed: TimedBurst) -> None:
     table = arrival_table(timed, frequency_mhz)
 
     assert why_not_timed(timed, list(CADENCES_S)) == ""
-    assert (table["edge"] == "half_rise").all()
+    assert (table["edge"] == SHARED).all()
     assert table.groupby("frequency_mhz")["observatory"].nunique().eq(3).all()
     assert (table["offset_sd_s"] > 0).all()
     solved = localise(table, draws=10)
