@@ -120,7 +120,7 @@ def test_wind_scatters_less_at_the_times_of_its_visits(day_2020: Heard, burst_id
     (member,) = [one for one in day_2020.bursts[burst_id].members if one.searched.observatory == "WIND"]
     over = member.searched.over
     stamped = member.searched._replace(over=over.drop_vars("sample_time"))
-    edges, of_minutes = (burst_edges(one, member.candidate) for one in (member.searched, stamped))
+    edges, of_minutes = (spectrum_edges(burst_spectrum(one, member.candidate)) for one in (member.searched, stamped))
 
     assert scatter_s(edges)[1] < 0.85 * scatter_s(of_minutes)[1]
     assert scatter_s(edges)[0] >= scatter_s(of_minutes)[0] - 2
