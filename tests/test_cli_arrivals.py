@@ -86,7 +86,7 @@ def test_figures_are_drawn(files: list[str], tmp_path: Path) -> None:
         (["--around", "noon"], "noon"),
         (
             ["--around", AROUND, "--edge", "first_photon"],
-            "--edge first_photon: choose one of shared_profile, half_rise",
+            "--edge first_photon: choose one of shared_profile",
         ),
         (["--around", AROUND, "--frequencies", "0"], "--frequencies 0 is not between 1 and 1000"),
         (["--around", "2012-06-09T00:00"], "no spacecraft shows a burst around"),
