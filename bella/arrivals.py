@@ -91,7 +91,7 @@ class ArrivalGrid:
     offset_sd_s: FloatArray = field(default_factory=partial(np.zeros, ()))
     delay_s: FloatArray = field(default_factory=partial(np.zeros, ()))
     delay_sd_s: FloatArray = field(default_factory=partial(np.zeros, ()))
-    rise_s: FloatArray | None = None
+    rise_s: FloatArray = None  # type: ignore[assignment]  # filled in below
     shape_length_ln_f: float = SHAPE_LENGTH_LN_F
     measured_s2: FloatArray | None = None
 
@@ -331,13 +331,34 @@ def read_covariance(path: Path, rows: int) -> FloatArray:
             covariance = stored["covariance_s2"].to_numpy().astype(np.float64)
     except (OSError, KeyError, ValueError) as error:
         raise InputError(f"{path}: no covariance_s2 can be read ({error}); give what bella arrivals wrote") from error
-    if covariance.shape != (rows, rows):
-        raise InputError(
-            f"{path}: covariance_s2 is {covariance.shape}, the table has {rows} rows; give those of one run"
-        )
-    if not np.isfinite(covariance).all() or np.linalg.eigvalsh(covariance).min() <= 0:
-        raise InputError(f"{path}: covariance_s2 is not that of errors; every eigenvalue must be above 0")
+    check_covariance(covariance, rows, source=str(path))
     return covariance
+
+
+def check_covariance(covariance_s2: FloatArray, rows: int, *, source: str = "covariance") -> None:
+    """Refuse a matrix that is not the covariance of the rows of a table.
+
+    Parameters
+    ----------
+    covariance_s2 : ndarray
+    rows : int
+        Of the table.
+    source : str
+        What the matrix is called in error messages.
+
+    Raises
+    ------
+    InputError
+        If it has another shape, or is no covariance.
+    """
+    if covariance_s2.shape != (rows, rows):
+        raise InputError(
+            f"{source}: covariance_s2 is {covariance_s2.shape}, the table has {rows} rows; give those of one run"
+        )
+    if not np.isfinite(covariance_s2).all() or not np.allclose(covariance_s2, covariance_s2.T, rtol=1e-6):
+        raise InputError(f"{source}: covariance_s2 is not symmetric and finite; give what bella arrivals wrote")
+    if np.linalg.eigvalsh(covariance_s2).min() <= 0:
+        raise InputError(f"{source}: covariance_s2 is not that of errors; every eigenvalue must be above 0")
 
 
 def locate_receivers(frame: pd.DataFrame, *, source: str = "arrival table") -> pd.DataFrame:

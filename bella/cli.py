@@ -49,7 +49,11 @@ from bella.flags import APPARENT_SOURCE
 from bella.logs import log_to
 
 if TYPE_CHECKING:
+    from bella.heliosphere.scattering import DirectionalDelay
     from bella.settings import Settings
+
+LARGEST_KAPPA = 10.0
+"""Delays of more half widths of the rise, ten times any published one, are a mistake in the unit."""
 
 app = typer.Typer(
     name="bella",
@@ -158,9 +162,16 @@ def localise(  # noqa: PLR0913, PLR0917 - one argument per option
     method: MethodName = "posterior",
     preset: PresetName = "default",
     dimensions: Annotated[int, typer.Option(help="2: source in the ecliptic plane. 3: anywhere in space.")] = 2,
+    covariance: Annotated[
+        Path | None, typer.Option(help="Full covariance of the rows of the table, netCDF as bella arrivals writes it.")
+    ] = None,
+    kappa: Annotated[
+        str | None,
+        typer.Option(help="Directional delay in half widths of the rise: MEAN,SD, or none; the preset's if left out."),
+    ] = None,
 ) -> None:
     """Localise the bursts of an arrival table, without a catalogue."""
-    from bella.arrivals import read_arrivals
+    from bella.arrivals import read_arrivals, read_covariance
     from bella.formats import localisation_csv, localisation_records
     from bella.multilateration import localise as locate
 
@@ -169,7 +180,9 @@ def localise(  # noqa: PLR0913, PLR0917 - one argument per option
     if not output.parent.is_dir():
         raise InputError(f"folder {output.parent} does not exist; make it or name another --output")
     know_updates()
+    delay = None if kappa is None else _directional_delay(kappa)
     table = read_arrivals(arrivals)
+    measured = None if covariance is None else read_covariance(covariance, len(table))
     with _progress() as bar:
         task = bar.add_task("localise", total=table["frequency_mhz"].nunique())
         posterior = locate(
@@ -177,6 +190,8 @@ def localise(  # noqa: PLR0913, PLR0917 - one argument per option
             method=method,
             preset=preset,
             dimensions=dimensions,
+            covariance_s2=measured,
+            delay=delay,
             advance=lambda steps: bar.advance(task, steps),
         )
     if draws is not None:
@@ -190,11 +205,28 @@ def localise(  # noqa: PLR0913, PLR0917 - one argument per option
         "sigma_rule",
         "tau_rsun",
         "v_prior_sd_over_c",
+        "kappa_prior",
+        "kappa_prior_sd",
         "seed",
     )
     comments = {name: posterior.attrs[name] for name in kept} | {"remark": APPARENT_SOURCE}
     write_whole(output, localisation_csv(localisation_records(posterior), comments))
     out.print(f"{posterior.sizes['frequency']} frequencies in {output}")
+
+
+def _directional_delay(text: str) -> "DirectionalDelay":
+    """Prior of the directional delay from the text of an option."""
+    from bella.heliosphere.scattering import NO_DELAY, DirectionalDelay
+
+    if text.strip().lower() == "none":
+        return NO_DELAY
+    try:
+        mean, sd = (float(part) for part in text.split(","))
+    except ValueError:
+        mean, sd = float("nan"), float("nan")
+    if not (abs(mean) <= LARGEST_KAPPA and 0 <= sd <= LARGEST_KAPPA):
+        raise InputError(f"--kappa {text!r} is not MEAN,SD within {LARGEST_KAPPA:g}; write 0.1,0.12 or none")
+    return DirectionalDelay(mean, sd)
 
 
 @app.command(epilog="Example: bella serve --port 8000")

@@ -139,6 +139,9 @@ def _print_fit(track: "Track") -> None:
     from bella.answer import wind_gap, written_68
 
     joint, line = track.joint, track.two_step
+    if joint.tier == "preliminary":
+        _print_regions(joint)
+        return
     table = Table(title=f"Track of the burst: {joint.model}", title_justify="left", box=SIMPLE_HEAD, pad_edge=False)
     for name in ("", "median (68 %)", "95 %", "of prior", "two-step"):
         table.add_column(name, justify="left" if not name else "right")
@@ -155,6 +158,15 @@ def _print_fit(track: "Track") -> None:
         out.print(f"Flags  {which}: {', '.join(flags) or 'none'}", soft_wrap=True, highlight=False)
     for text in (*_account(joint), *_beside(track)):
         out.print(text, soft_wrap=True, highlight=False)
+
+
+def _print_regions(joint: "JointTrack") -> None:
+    """What two spacecraft say: a list of longitudes with their probabilities."""
+    out.print(f"Track of the burst: {joint.model}", highlight=False)
+    for level, parts in (("68 %", joint.phi0_68), ("95 %", joint.phi0_95)):
+        each = ", ".join(f"{one.low:.0f} to {one.high:.0f} ({one.probability:.2f})" for one in parts)
+        out.print(f"Longitude at 1 R_sun, deg, {level}: {each}", soft_wrap=True, highlight=False)
+    out.print(f"Flags  {', '.join(joint.flags) or 'none'}", soft_wrap=True, highlight=False)
 
 
 def _account(joint: "JointTrack") -> list[str]:

@@ -23,10 +23,14 @@ LOCALISATION_FLAGS = {
     "answer is the prior.",
     "position_not_constrained": "Along some direction the position is wider than 0.9 of its prior: there the answer "
     "is the prior.",
+    "prior_dominated": "The prior of the position moves the mean by more than half a standard deviation: where the "
+    "source is said to be depends on where sources were assumed to be.",
     "multimodal": "Several separate positions explain the arrival times; mean and covariance describe none of them.",
     "arrivals_inconsistent": "No source explains the arrival times within their errors: one of them, or its error, is "
     "wrong, and the position means nothing.",
     "bad_arrival": "An arrival time is more likely bad than good, and the solution does without it.",
+    "clock_offset": "The clock of a spacecraft is off by more than three standard deviations, over all frequencies of "
+    "the burst: the solution says which one, or which few may be it, and by how much.",
     "two_roots": "Two positions explain the arrival times exactly; the one nearer the Sun is given.",
     "no_exact_root": "No position explains the arrival times as exactly as it should: with few receivers noise can do "
     "that. The position is that of the least misfit, and its error is limited by the region that was searched.",

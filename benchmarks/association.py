@@ -7,7 +7,7 @@ import numpy as np
 
 from bella.bursts.association import AssociatedBurst, Member, associate
 from bella.bursts.detection import onset_records, search
-from bella.bursts.search_grid import FREQUENCY_MHZ, STEP_S
+from bella.bursts.matched_filter import FREQUENCY_MHZ, STEP_S
 from bella.flags import LOCALISABLE
 from bella.simulation.archive_days import sky_of
 from bella.simulation.burst import SimulatedBurst, arrival_s, contrast_at

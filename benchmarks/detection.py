@@ -11,10 +11,10 @@ from datetime import date, timedelta
 import numpy as np
 import pandas as pd
 import xarray as xr
-from bella.bursts.search_grid import FREQUENCY_MHZ
 from scipy.signal import find_peaks
 
 from bella.bursts.detection import detect_bursts
+from bella.bursts.matched_filter import FREQUENCY_MHZ
 from bella.simulation.archive_days import sky_of
 from bella.simulation.burst import SimulatedBurst, arrival_s, contrast_at
 from bella.simulation.day import observe_day

@@ -11,14 +11,12 @@ from functools import partial
 from typing import NamedTuple
 
 import numpy as np
-from bella.bursts.edge import Edge
-from bella.bursts.gauss_hermite import gauss_hermite_edge
-from bella.bursts.half_maximum import half_maximum_edge
 from rich.console import Console
 from rich.table import Table
 from scipy.optimize import curve_fit
 from scipy.special import log_ndtr
 
+from bella.bursts.edges import Edge, gauss_hermite_edge, half_maximum_edge
 from bella.bursts.flank import flank_edges
 from bella.simulation.light_curves import PulseLaw, draw_pulse_law
 from bella.units import FloatArray

@@ -46,7 +46,7 @@ def in_the_plane() -> list[Row]:
         preset = find_preset(name)
         grid = apply_sigma_rule(arrival_grid(locate_receivers(published_arrivals())), preset)
         some = grid.take(every(grid, BATCH[2]))
-        problems = problems_of(some, preset.priors, 2, preset.noise)
+        problems = problems_of(some, preset.priors, 2, preset.noise, preset.delay)
         moments_s = seconds(lambda problems=problems: moments_of(problems, divide(problems))) / BATCH[2]
         drawn_s = seconds(lambda problems=problems: moments_and_draws(problems)) / BATCH[2]
         sampled_s, first_s = sampled(some, preset)
@@ -58,6 +58,43 @@ def in_the_plane() -> list[Row]:
             (f"{speed}: its compilation, once per process", f"{first_s:.1f} s", ""),
             (f"{speed}: ratio PyMC / exact", f"{sampled_s / drawn_s:.0f}", ""),
         ]
+    return rows
+
+
+SHARP_S = {"3 s": (3.0, 3.0, 3.0), "9 s": (9.0, 9.0, 9.0), "5, 120 and 5 s": (5.0, 120.0, 5.0)}
+"""Timing errors of the three receivers in the rows that have a directional delay."""
+
+
+def with_a_delay() -> list[Row]:
+    """Everything a solution holds of a frequency, with correlated errors and a directional delay, beside PyMC."""
+    preset = find_preset("default")
+    distance_rsun = np.linspace(15, 150, 25)
+    angle = np.radians(30 - 0.28 * distance_rsun)
+    source = distance_rsun[:, None] * np.stack([np.cos(angle), np.sin(angle), 0 * angle], axis=1)
+    receivers, rows = fleet(FAR_APART), []
+    for name, sigma_s in SHARP_S.items():
+        shape = (distance_rsun.size, len(receivers))
+        measured = np.zeros((*shape, *shape))
+        place = np.arange(shape[0])
+        measured[place, :, place] = np.outer(sigma_s, sigma_s) * (0.8 * np.eye(3) + 0.2)
+        grid = ArrivalGrid(
+            60 / distance_rsun[::-1],
+            ("A", "B", "C"),
+            np.linalg.norm(source[::-1, None] - receivers, axis=2) / C_RSUN_S,
+            np.broadcast_to(sigma_s, shape),
+            np.broadcast_to(receivers, (*shape, 3)),
+            np.datetime64("2012-06-07T19:00:00", "ns"),
+            "none",
+            measured_s2=measured,
+        )
+        recipe = Recipe("posterior", preset, 2, DRAWS, 1)
+        exact_s = seconds(lambda grid=grid, recipe=recipe: exact_posterior(grid, recipe, lambda _: None)) / shape[0]
+        rows.append(
+            (f"errors of {name}, delay: draws, regions, modes", ms(exact_s), "5 ms" if "120" in name else "3 ms")
+        )
+        if "120" not in name:
+            sampled_s, _ = sampled(grid, preset)
+            rows.append((f"errors of {name}, delay: ratio PyMC / exact", f"{sampled_s / exact_s:.0f}", ""))
     return rows
 
 
@@ -151,4 +188,4 @@ def ms(duration_s: float) -> str:
 
 def engines() -> list[Row]:
     """All rows of the localisation."""
-    return [*in_the_plane(), *whole_bursts(), *in_space(), *maps()]
+    return [*in_the_plane(), *with_a_delay(), *whole_bursts(), *in_space(), *maps()]

@@ -1,8 +1,8 @@
 """The track of a burst: how long the fit takes beside PyMC on the same density, and how often its intervals are right.
 
 Run with ``python -m benchmarks.tracks [--bursts 200] [--seed 5000]``. The bursts are those of `tests.tracks.foreign`,
-of laws that the fit does not know: the density of Saito et al. (1977), fundamental or harmonic, beams of constant speed or
-slowing ones, delays that grow with the viewing angle, and errors of edges that are sums of waves along frequency.
+of laws that the fit does not know: the density of Saito et al. (1977), fundamental or harmonic, beams that keep their
+speed or slow down, delays that grow with the viewing angle, and errors of edges that are sums of waves along frequency.
 """
 
 import argparse

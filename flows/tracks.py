@@ -85,9 +85,10 @@ def fitted_track(
         With the draws of the joint fit.
     """
     table = timing.arrivals if timing.channels is None else timing.channels
-    grid = apply_sigma_rule(arrival_grid(table, heard_by=1), find_preset(series.preset))
+    preset = find_preset(series.preset)
+    grid = apply_sigma_rule(arrival_grid(table, heard_by=1), preset)
     line = track_fit(posterior)
-    model = TrackModel(rotation_period_d=line["rotation_period_d"])
+    model = TrackModel(rotation_period_d=line["rotation_period_d"], delay=preset.delay)
     fit = fit_track(grid, model, draws=max(settings.draws, FEWEST_DRAWS), seed=settings.seed)
     record = track_record(fit, line, companions(posterior, timing, grid, fit, settings.seed, around))
     return record.model_dump(mode="json"), with_joint_draws(posterior, fit)

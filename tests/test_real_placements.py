@@ -7,6 +7,8 @@ import numpy as np
 import pandas as pd
 import pytest
 import xarray as xr
+from bella.tracks.joint import fit_joint
+from bella.tracks.joint_fit import JointFit
 
 from bella.arrivals import arrival_grid, check_arrivals, locate_receivers
 from bella.bursts import EVENT, fit_time_evolution, half_maximum_arrivals, published_arrivals, spectrum_edges
@@ -14,17 +16,16 @@ from bella.bursts.association import AssociatedBurst, associate
 from bella.bursts.detection import search
 from bella.bursts.event import REFERENCE_UTC
 from bella.bursts.timing import (
+    TimedBurst,
     arrival_table,
-    burst_edges,
+    burst_spectrum,
     shared_frequencies_mhz,
-    timed_burst,
+    time_burst,
     why_not_timed,
 )
 from bella.flags import LOCALISABLE
 from bella.multilateration import localise
 from bella.spectra import combine_receivers, event_spectra, open_spectra
-from bella.tracks.joint import fit_joint
-from bella.tracks.joint_fit import JointFit
 from bella.units import C_RSUN_S
 from tests.spectra import real_day_2020
 
@@ -33,7 +34,7 @@ FAR_SIDE_DEG = -155.0
 
 SHALLOW_MHZ = np.array([1.0, 1.4])
 TRACK_MHZ = np.geomspace(0.25, 2.0, 20)
-METHODS = ("flank", "half_maximum")
+METHODS = ("half_rise", "half_maximum")
 
 TABLE_MHZ = np.array([2.0, 1.5, 1.0, 0.8, 0.6, 0.4, 0.3, 0.2])
 TABLE_RANGE_RSUN = np.array([15.0, 20.0, 29.0, 36.0, 48.0, 68.0, 87.0, 122.0])
@@ -47,16 +48,14 @@ class Heard(NamedTuple):
     spectra: dict[str, xr.Dataset]
     bursts: dict[str, AssociatedBurst]
 
-    def edges(self, burst_id: str, method: str) -> pd.DataFrame:
-        """Edges at all spacecraft that heard a burst."""
+    def timed(self, burst_id: str, edge: str = "half_rise") -> TimedBurst:
+        """The burst at all spacecraft that heard it."""
         members = self.bursts[burst_id].members
-        parts = [burst_edges(member.searched, member.candidate, method) for member in members]
-        return pd.concat(parts, ignore_index=True)
+        return time_burst([burst_spectrum(member.searched, member.candidate) for member in members], edge)
 
-    def arrivals(self, burst_id: str, method: str, frequency_mhz: np.ndarray) -> pd.DataFrame:
-        """Arrival table by way of t(f)."""
-        timed = timed_burst(self.edges(burst_id, method), self.spectra)
-        return arrival_table(timed, frequency_mhz, method)
+    def arrivals(self, burst_id: str, edge: str, frequency_mhz: np.ndarray) -> pd.DataFrame:
+        """Arrival table at common frequencies."""
+        return arrival_table(self.timed(burst_id, edge), frequency_mhz)
 
 
 def heard(*spectra: xr.Dataset) -> Heard:
@@ -129,7 +128,7 @@ def test_wind_scatters_less_at_the_times_of_its_visits(day_2020: Heard, burst_id
 
 def test_the_burst_of_02_54_runs_out_on_the_far_side(day_2020: Heard) -> None:
     """Earlier by hand: 19 to 77 solar radii, 171 to 148 degrees."""
-    timed = timed_burst(day_2020.edges("T3-20200721-0253", "flank"), day_2020.spectra)
+    timed = day_2020.timed("T3-20200721-0253", "half_rise")
     range_rsun, longitude_deg = placed(arrival_table(timed, np.geomspace(0.34, 2.0, 6)))
 
     assert why_not_timed(timed, day_2020.bursts["T3-20200721-0253"].observatories) == ""
@@ -139,7 +138,7 @@ def test_the_burst_of_02_54_runs_out_on_the_far_side(day_2020: Heard) -> None:
     assert (np.diff(longitude_deg) < 0.0).all(), "a spiral runs to the east"
 
 
-@pytest.mark.parametrize(("method", "phi0_deg"), [("flank", 162.8), ("half_maximum", 172.4)])
+@pytest.mark.parametrize(("method", "phi0_deg"), [("half_rise", 162.8), ("half_maximum", 172.4)])
 def test_one_spiral_through_the_burst_of_02_54(day_2020: Heard, method: str, phi0_deg: float) -> None:
     fit = joint_of(day_2020.arrivals("T3-20200721-0253", method, TRACK_MHZ))
 
@@ -152,11 +151,11 @@ def test_the_burst_of_06_20_is_not_offered_as_placed(day_2020: Heard) -> None:
     burst = day_2020.bursts["T3-20200721-0623"]
 
     assert burst.reason == "not localisable: group"
-    timed = timed_burst(day_2020.edges(burst.burst_id, "flank"), day_2020.spectra)
+    timed = day_2020.timed(burst.burst_id, "half_rise")
     assert "do not drift downwards" in why_not_timed(timed, burst.observatories)
 
 
-@pytest.mark.parametrize(("method", "least_deg"), [("flank", 25.0), ("half_maximum", 120.0)])
+@pytest.mark.parametrize(("method", "least_deg"), [("half_rise", 25.0), ("half_maximum", 120.0)])
 def test_placed_all_the_same_it_is_on_the_far_side_and_known_badly(
     day_2020: Heard, method: str, least_deg: float
 ) -> None:
@@ -170,7 +169,7 @@ def test_placed_all_the_same_it_is_on_the_far_side_and_known_badly(
     assert (np.abs(middle + FAR_SIDE_DEG) > 130.0).all()
 
 
-@pytest.mark.parametrize(("method", "flag"), [("flank", "poor_fit"), ("half_maximum", "arrivals_down_weighted")])
+@pytest.mark.parametrize(("method", "flag"), [("half_rise", "poor_fit"), ("half_maximum", "arrivals_down_weighted")])
 def test_one_spiral_through_the_burst_of_06_20_begins_on_the_far_side(day_2020: Heard, method: str, flag: str) -> None:
     fit = joint_of(day_2020.arrivals("T3-20200721-0623", method, TRACK_MHZ))
     beside_deg = (fit.summary["phi0_deg"].mean - FAR_SIDE_DEG + 180.0) % 360.0 - 180.0
@@ -183,7 +182,7 @@ def test_one_spiral_through_the_burst_of_06_20_begins_on_the_far_side(day_2020: 
 
 def test_channels_that_were_not_measured_pull_it_by_80_degrees(reference_files: Path, day_2020: Heard) -> None:
     raw = heard(real_day_2020.wind_as_archived(reference_files), day_2020.spectra["STEREO-A"], day_2020.spectra["PSP"])
-    beside_deg = longitudes_beside(raw.arrivals("T3-20200721-0623", "flank", SHALLOW_MHZ), FAR_SIDE_DEG)
+    beside_deg = longitudes_beside(raw.arrivals("T3-20200721-0623", "half_rise", SHALLOW_MHZ), FAR_SIDE_DEG)
 
     assert (np.quantile(beside_deg, 0.5, axis=1) > 60.0).all()
     assert (np.quantile(beside_deg, 0.025, axis=1) > 0.0).all()
@@ -220,9 +219,9 @@ def test_half_of_what_the_figure_shows_gives_the_track_of_an_independent_reducti
 
 def test_the_chain_places_the_event_where_its_half_maxima_do(event_2012: Heard) -> None:
     (burst_id,) = event_2012.bursts
-    timed = timed_burst(event_2012.edges(burst_id, "half_maximum"), event_2012.spectra)
+    timed = event_2012.timed(burst_id, "half_maximum")
     frequency_mhz = TABLE_MHZ[1:]
-    found = placed(arrival_table(timed, frequency_mhz, "half_maximum"))
+    found = placed(arrival_table(timed, frequency_mhz))
     expected = placed(half_maximum_arrivals(frequency_mhz))
 
     assert shared_frequencies_mhz(timed)[[0, -1]] == pytest.approx([0.15, 1.98], abs=0.03)

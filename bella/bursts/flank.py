@@ -7,9 +7,9 @@ The shape is a Gaussian rise smeared by an exponential decay, averaged over the 
 rise and decay run over a grid, amplitude and background are integrated out, so the error of the time is that of its
 whole posterior, also where the flank falls between two samples and no slope is known.
 
-The priors of rise and decay are log-normal about the rise of the burst and the observed law of decays. Their spreads and the
-errors of shape below were chosen on simulated bursts of other shapes (``python -m benchmarks.edges --seed 0``), so that
-errors over stated sigmas have a standard deviation near 1; other seeds bear it out.
+The priors of rise and decay are log-normal about the rise of the burst and the observed law of decays. Their spreads
+and the errors of shape below were chosen on simulated bursts of other shapes. What a light curve departs from these
+shapes is not in the error: it is estimated for the whole burst (:mod:`bella.bursts.noise`).
 
 Times on trial are steps of one grid, so the sums over the samples are correlations of the tabulated curves with the
 weights of the samples, and all times are had at once from a Fourier transform.
@@ -43,7 +43,7 @@ from bella.bursts.edges import (
     quiet_noise,
     spacing_s,
 )
-from bella.bursts.light_curves import RiseOfBurst, decay_s
+from bella.bursts.light_curves import LightCurves, RiseOfBurst, decay_s, own_rise
 from bella.units import FloatArray
 
 RISE_SPREAD, DECAY_SPREAD = 0.4, 0.35
@@ -410,13 +410,14 @@ class SampleAveraging(NamedTuple):
     """Time between the two visits that a sample is the mean of, s, shape () or (N, C); 0 where there was one."""
 
 
-def flank_edges(
+def flank_edges(  # noqa: PLR0913 - one light curve has as many parts
     time_s: FloatArray,
     power: FloatArray,
     cadence_s: float,
     frequency_mhz: FloatArray,
     averaging: FloatArray | float | SampleAveraging,
-    rises: RiseOfBurst = RiseOfBurst(),  # noqa: B008 - frozen
+    *,
+    rises: RiseOfBurst | None = None,
 ) -> list[Edge]:
     """Half-rise time of every channel.
 
@@ -433,7 +434,7 @@ def flank_edges(
     averaging : float, numpy.ndarray of shape (C,), or SampleAveraging
         Time that one sample averages over, s; or that and which samples are the mean of two visits.
     rises : RiseOfBurst
-        Half width of the rise at each frequency; of a typical burst unless given.
+        Half width of the rise at each frequency; that which the light curves show unless given.
 
     Returns
     -------
@@ -448,6 +449,8 @@ def flank_edges(
         np.broadcast_to(over.apart_s, power.shape),
     )
     channels = []
+    if rises is None:
+        rises = own_rise([LightCurves("", frequency_mhz, times, power, 0.0, cadence_s, means_s, apart_s)])
     rise, decay = rises.rise_s(frequency_mhz), decay_s(frequency_mhz)
     for index in range(frequency_mhz.size):
         known = np.isfinite(power[:, index])

@@ -112,6 +112,7 @@ class Craft:
     height: FloatArray
     base: FloatArray
     weight: FloatArray
+    variance: FloatArray
     spacing_s: FloatArray
     shape_error: float = 0.0
     decay_error: float = 0.0
@@ -140,7 +141,7 @@ def decay_s(frequency_mhz: FloatArray) -> FloatArray:
 
 @dataclass(frozen=True)
 class RiseOfBurst:
-    """Half width of the rise of one burst: that of a typical burst, with the level and slope of its own light curves."""
+    """Half width of the rise of one burst: that of a typical burst, with its own level and slope."""
 
     level: float = 0.0
     slope: float = 0.0
@@ -308,6 +309,7 @@ def fitted_samples(light: LightCurves, start: Start, index: int) -> Craft | None
         height=np.ones(rows.size),
         base=np.zeros(rows.size),
         weight=np.zeros(shape),
+        variance=np.ones(shape),
         spacing_s=np.array([np.median(np.diff(one[1])) for one in kept]),
     )
 
@@ -332,7 +334,7 @@ def _receiver_scatter(light: LightCurves, start: Start) -> float:
 def _channel_samples(
     light: LightCurves, start: Start, j: int
 ) -> tuple[FloatArray, FloatArray, FloatArray, float, float, int] | str:
-    """Times, powers, times between visits, noise before the burst and integration of a channel; or why there are none."""
+    """Times, powers, times between visits, noise, integration and samples averaged of a channel; or why there are none."""
     known = np.flatnonzero(np.isfinite(light.power[:, j]))
     time, power, apart = light.time_s[known, j], light.power[known, j], light.apart_s[known, j]
     rise, cadence = float(start.rise_s[j]), spacing_s(time, light.cadence_s)

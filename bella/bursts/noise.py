@@ -7,12 +7,12 @@ any source is placed. One covariance follows from it, for the channels as they a
 """
 
 from dataclasses import dataclass, field, replace
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 from scipy.linalg import block_diag, cho_factor, cho_solve, cholesky, solve_triangular
 
-from bella.arrivals import SHAPE_LENGTH_LN_F
 from bella.units import FloatArray
 
 BoolArray = npt.NDArray[np.bool_]
@@ -21,21 +21,29 @@ SHAPE_SHARES = np.geomspace(0.002, 0.4, 15)
 CHANNEL_SHARES = np.geomspace(0.002, 0.2, 11)
 """Smooth and independent errors on trial, in rise times of the burst.
 
-Their size is not known beforehand: even in its logarithm. Simulated bursts have up to 0.01 of the smooth one, the real
-bursts of 2012-06-07, 2020-07-21 and 2010-01-17 have 0.1 to 0.2.
+Their size is not known beforehand: even in its logarithm. Simulated bursts have about 0.01 of the smooth one, the real
+bursts of 2012-06-07 and 2020-07-21 have 0.20 and 0.14.
 """
 
-BROAD_S = 1e4
-"""Standard deviation of the terms 1, 1/f and 1/f^2 of the time of emission, s: free."""
+SHAPE_LENGTH_LN_F = 0.2
+"""Correlation length of the smooth error in ln f. Of 0.1 to 0.5 the two real events prefer it, by 3 to 16 in ln L."""
 
-EMISSION = ((3.0, 0.8), (0.3, 0.3))
-"""What is left of it about them: size in rise times, and correlation length in ln f."""
+BROAD_S = 3e3
+"""Standard deviation of the terms of the time of emission, s: free."""
 
-DIFFERENCE_S, DIFFERENCE = 1e3, ((1.0, 1.5),)
-"""The same of each spacecraft about the common curve, with terms 1, ln f and 1/f: geometry is smoother than that."""
+WAVE_SHARE, WAVE_LENGTH = 0.05, 0.35
+"""What is left about them, as a share of the time that the burst takes, and its length in ln f: densities wave."""
 
-ALONG, ALONG_ERROR, ALONG_LEAST_S = ((0.5, 0.7), (0.08, 0.25)), 0.06, 0.3
-"""Curve t(f) of one spacecraft about 1, 1/f and 1/f^2, and errors of channels about it for finding outliers."""
+DIFFERENCE_S, DIFFERENCE_SD_S, DIFFERENCE_LENGTH = 300.0, 5.0, 0.7
+"""Differences of spacecraft are smooth in the distance of the source, and so in the time of emission, whatever density
+belongs to a frequency: a cubic with coefficients of this size, s, and what is left about it, with its length in halves
+of the time that the burst takes."""
+
+FINE = ((0.08, 0.25),)
+"""Small bends of t(f) of one spacecraft, in rise times, and their length in ln f."""
+
+ALONG_ERROR, ALONG_LEAST_S = 0.06, 0.3
+"""Errors of channels about t(f) for finding outliers, in rise times and s."""
 
 OUTLIER_SD, MOST_OUTLIERS = 4.0, 0.25
 """A channel so far from the curve through all others is an outlier; at most so many are."""
@@ -48,6 +56,10 @@ MOST_CHANNELS = 40
 
 OFFSET_S = 0.15
 """Timing offset of a spacecraft beside its clock and its sample times: what simulated bursts leave."""
+
+
+LEAST_SIGMA_S = 0.1
+"""Independent error that the table gives every time at least."""
 
 
 @dataclass(frozen=True)
@@ -107,16 +119,43 @@ def _free(terms: list[FloatArray], size_s: float) -> FloatArray:
     return np.asarray(size_s**2 * basis @ basis.T)
 
 
+def _beam(frequency_mhz: FloatArray) -> FloatArray:
+    """Prior covariance of t(f) of a beam: 1, ln f, f^-1/2, 1/f and 1/f^2, which miss it by 0.2 s rms."""
+    x = 1.0 / frequency_mhz
+    return _free([np.ones_like(x), np.log(x), np.sqrt(x), x, 0.2 * x**2], BROAD_S)
+
+
+def _emission(timed: Timed) -> FloatArray:
+    """Prior covariance of the time of emission."""
+    apart = np.subtract.outer(np.log(timed.frequency_mhz), np.log(timed.frequency_mhz))
+    size_s = WAVE_SHARE * np.ptp(timed.arrival_s)
+    return np.asarray(_beam(timed.frequency_mhz) + size_s**2 * np.exp(-0.5 * (apart / WAVE_LENGTH) ** 2))
+
+
 def _curve(timed: Timed) -> FloatArray:
     """Prior covariance of t(f) of one spacecraft."""
-    x = 1.0 / timed.frequency_mhz
-    return _free([np.ones_like(x), x, x**2 / 5], BROAD_S) + _smooth(timed, ALONG)
+    return np.asarray(_emission(timed) + _smooth(timed, FINE))
+
+
+def _difference(timed: Timed) -> FloatArray:
+    """Prior covariance of t(f) of one spacecraft less the common one: smooth in the time of emission."""
+    same = timed.observatory[:, None] == timed.observatory
+    log_f, x = np.log(timed.frequency_mhz), 1.0 / timed.frequency_mhz
+    common = _emission(timed)
+    own = np.where(same, _free([np.ones_like(x), log_f, x], DIFFERENCE_S), 0.0)
+    away = timed.arrival_s - timed.arrival_s.mean()
+    noise = np.diag(timed.channel_sd_s**2 + (ALONG_ERROR * timed.rise_s) ** 2 + ALONG_LEAST_S**2)
+    emitted = common @ np.linalg.solve(common + own + noise, away)
+    along = 2.0 * (emitted - emitted.min()) / np.ptp(emitted) - 1.0
+    apart = np.subtract.outer(along, along)
+    smooth = DIFFERENCE_SD_S**2 * np.exp(-0.5 * (apart / DIFFERENCE_LENGTH) ** 2)
+    return np.where(same, _free([along**power for power in range(4)], DIFFERENCE_S) + smooth, 0.0)
 
 
 def estimate_noise(timed: Timed) -> Timed:
     """Estimate the smooth and the independent error of the arrival times of a burst.
 
-    The means of their logarithms over the posterior: arrival times are a smooth function of frequency that all spacecraft
+    The means over their posterior: arrival times are a smooth function of frequency that all spacecraft
     share, and a smoother one for each, with this noise.
 
     Parameters
@@ -129,11 +168,9 @@ def estimate_noise(timed: Timed) -> Timed:
         With `shape_share` and `channel_share`.
     """
     thin = timed.take(spread_channels(timed))
-    x, log_f = 1.0 / thin.frequency_mhz, np.log(thin.frequency_mhz)
     same = thin.observatory[:, None] == thin.observatory
-    expected = _free([np.ones_like(x), x, x**2 / 5], BROAD_S) + _smooth(thin, EMISSION)
-    own = _free([np.ones_like(x), log_f, x], DIFFERENCE_S) + _smooth(thin, DIFFERENCE)
-    expected += np.where(same, own + np.outer(thin.offset_s, thin.offset_s), 0.0)
+    expected = _emission(thin) + _smooth(thin, FINE) + _difference(thin)
+    expected += np.where(same, np.outer(thin.offset_s, thin.offset_s), 0.0)
     expected += thin.shared_s @ thin.shared_s.T + np.diag(thin.channel_sd_s**2)
     smooth, alone = np.where(same, _smooth(thin, ((1.0, SHAPE_LENGTH_LN_F),)), 0.0), np.diag(thin.rise_s**2)
     away = thin.arrival_s - thin.arrival_s.mean()
@@ -145,8 +182,8 @@ def estimate_noise(timed: Timed) -> Timed:
             log[i, j] = -0.5 * white @ white - np.log(np.diag(root)).sum()
     weight = np.exp(log - log.max())
     weight /= weight.sum()
-    shape = float(np.exp(weight.sum(axis=1) @ np.log(SHAPE_SHARES)))
-    channel = float(np.exp(weight.sum(axis=0) @ np.log(CHANNEL_SHARES)))
+    shape = float(weight.sum(axis=1) @ SHAPE_SHARES)
+    channel = float(weight.sum(axis=0) @ CHANNEL_SHARES)
     return replace(timed, shape_share=shape, channel_share=channel)
 
 
@@ -252,8 +289,24 @@ def at_frequencies(timed: Timed, frequency_mhz: FloatArray) -> Timed:
         )
         blocks.append(prior[channels:, channels:] - weight @ prior[:channels, channels:])
     names = ("observatory", "frequency_mhz", "arrival_s", "rise_s", "channel_sd_s", "shared_s", "offset_s")
-    joined = {name: np.concatenate([getattr(one, name) for one in parts]) for name in names}
+    joined: dict[str, Any] = {name: np.concatenate([getattr(one, name) for one in parts]) for name in names}
     return replace(timed, **joined, channel_share=0.0, correlated_s2=block_diag(*blocks))
+
+
+def _smooth_share(timed: Timed) -> FloatArray:
+    """Share of the variance of interpolated times that is smooth along frequency, from what neighbours have in common."""
+    share = np.zeros(timed.frequency_mhz.size)
+    log_f, deviation = np.log(timed.frequency_mhz), np.sqrt(np.diag(timed.correlated_s2))
+    for name in dict.fromkeys(timed.observatory):
+        rows = np.flatnonzero(timed.observatory == name)
+        rows = rows[np.argsort(log_f[rows])]
+        before, after = rows[:-1], rows[1:]
+        if not before.size:
+            continue
+        common = timed.correlated_s2[before, after] / np.maximum(deviation[before] * deviation[after], LEAST_SIGMA_S**2)
+        expected = np.exp(-0.5 * ((log_f[after] - log_f[before]) / SHAPE_LENGTH_LN_F) ** 2)
+        share[rows] = np.clip(np.median(common / expected), 0.0, 1.0)
+    return share
 
 
 def noise_columns(timed: Timed) -> dict[str, FloatArray]:
@@ -285,9 +338,10 @@ def noise_columns(timed: Timed) -> dict[str, FloatArray]:
     shape = (own**2).sum(axis=1) + (timed.shape_share * timed.rise_s) ** 2
     alone = timed.independent_sd_s() ** 2
     if timed.correlated_s2.size:
-        alone = alone + np.diag(timed.correlated_s2)
+        smooth = np.diag(timed.correlated_s2) * _smooth_share(timed)
+        alone, shape = alone + np.diag(timed.correlated_s2) - smooth, shape + smooth
     return {
-        "sigma_s": np.sqrt(alone),
+        "sigma_s": np.sqrt(np.maximum(alone, LEAST_SIGMA_S**2)),
         "shape_sd_s": np.sqrt(shape),
         "offset_sd_s": timed.offset_s,
         "rise_s": timed.rise_s,

@@ -79,10 +79,19 @@ JITTER_RISES = 0.02
 OUTLIER_SD = 4.0
 """Residuals beyond so many standard deviations count linearly (Huber)."""
 
-ROUNDS, STEPS, LAST_STEPS = 9, 5, 16
+FAR_RISES, FAR_CADENCES, FAR_TRIALS, NEAR_TRIALS = 2.0, 0.7, np.linspace(-1, 1, 40), np.linspace(-4, 4, 25)
+"""Arrival times on trial: up to so many rise times and cadences away, and in errors of the fit."""
+
+LEAST_HEIGHT = 0.05
+"""Of the burst over the highest sample."""
+
+RELOCATED = (2, 4)
+"""Rounds before which channels are moved to the best of their arrival times on trial."""
+
+ROUNDS, STEPS, LAST_STEPS = 9, 5, 24
 """Weights of the samples are renewed before each round; so many steps in each, and in the last."""
 
-CONVERGED = 0.3
+CONVERGED = 1.0
 """The fit has converged when a step of the last round lowers chi2 by less."""
 
 
@@ -193,7 +202,7 @@ def fit_profile(lights: Sequence[LightCurves]) -> ProfileEdges:
     """
     rises = own_rise(lights)
     starts = [first_guess(light, rises) for light in lights]
-    craft = []
+    craft: list[Craft] = []
     for light, start in zip(lights, starts, strict=True):
         one = fitted_samples(light, start, len(craft))
         if one is not None:
@@ -307,8 +316,47 @@ class _Fit:
                 one.decay_error = _decay_error((residual / height)[late])
             variance = variance + (np.where(late, one.decay_error, one.shape_error) * height) ** 2
             variance = variance * one.excess
+            one.variance = variance
             away = np.abs(residual) / np.sqrt(variance)
             one.weight = np.where(one.known, np.minimum(1.0, OUTLIER_SD / np.maximum(away, 1e-9)) / variance, 0.0)
+
+    def posterior(self, one: Craft, near_s: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Arrival times on trial and the logarithm of their posterior with the present profile, shape (C, T) each.
+
+        Height and background are integrated out; the prior of the height is one over itself: a flat one would prefer
+        that a single sample has caught the foot of a burst without bound. `near_s` are the errors to refine by.
+        """
+        width = np.exp(one.log_width + self._width_terms(one) @ self.value)[:, None]
+        far = (FAR_RISES * width + FAR_CADENCES * one.spacing_s[:, None]) * FAR_TRIALS
+        trial = np.sort(np.hstack([far, np.minimum(near_s[:, None], width) * NEAR_TRIALS]), axis=1)
+        profile = np.exp(np.minimum(self._log_profile(one, self.value)[0], 50.0))[:, :, None]
+        kept, log = one.arrival_s, np.empty(trial.shape)
+        weight = np.where(one.known, 1.0 / one.variance, 0.0)
+        total = weight.sum(axis=1)
+        power = one.power - (weight * one.power).sum(axis=1, keepdims=True) / total[:, None]
+        for column, change in enumerate(trial.T):
+            one.arrival_s = kept + change
+            mean = self._means(one, self.value, profile)[0][:, :, 0]
+            mean = mean - (weight * mean).sum(axis=1, keepdims=True) / total[:, None]
+            square, product = (weight * mean**2).sum(axis=1), (weight * mean * power).sum(axis=1)
+            height = product / np.maximum(square, 1e-12)
+            residual = (power - height[:, None] * mean) ** 2 / one.variance
+            huber = np.where(residual > OUTLIER_SD**2, 2 * OUTLIER_SD * np.sqrt(residual) - OUTLIER_SD**2, residual)
+            chi2 = np.where(one.known, huber, 0.0).sum(axis=1)
+            chi2 = chi2 + ((one.arrival_s - one.start_s) / one.start_sd_s) ** 2
+            shape = -0.5 * np.log(np.maximum(square, 1e-12)) - np.log(np.maximum(height, 1e-6))
+            log[:, column] = np.where(height > LEAST_HEIGHT, -0.5 * chi2 + shape, -np.inf)
+        one.arrival_s = kept
+        return kept[:, None] + trial, log
+
+    def relocate(self) -> None:
+        """Move each channel to the best of its arrival times on trial: sparse samples allow several."""
+        for one in self.craft:
+            trial, log = self.posterior(one, 0.1 * one.start_sd_s)
+            best = log.argmax(axis=1)
+            row = np.arange(best.size)
+            present = log[row, np.abs(trial - one.arrival_s[:, None]).argmin(axis=1)]
+            one.arrival_s = np.where(log[row, best] > present + 1.0, trial[row, best], one.arrival_s)
 
     def chi2(self, value: FloatArray) -> float:
         """Of the samples with their present weights, and the priors."""
@@ -363,7 +411,7 @@ class _Fit:
             right -= (mixed.transpose(0, 2, 1) @ alone[:, :, None]).sum(axis=0)[:, 0]
             solved.append((by_global, alone))
         change = np.linalg.solve(schur, right)
-        return change, [alone - by_global @ change for by_global, alone in solved]
+        return np.asarray(change, dtype=np.float64), [alone - by_global @ change for by_global, alone in solved]
 
     def descend(self, steps: int) -> float:
         """Levenberg steps with the present weights; returns by how much the last one lowered chi2."""
@@ -398,6 +446,8 @@ class _Fit:
         """Fit, and the edges with their errors."""
         for turn in range(ROUNDS):
             self.weigh(scaled=turn >= 2)
+            if turn in RELOCATED:
+                self.relocate()
             gained = self.descend(STEPS if turn < ROUNDS - 1 else LAST_STEPS)
         if not gained < CONVERGED:
             raise NoDataError(f"no shared profile: the fit does not converge (chi2 still falls by {gained:.2g})")
@@ -414,7 +464,7 @@ class _Fit:
             name: [] for name in ("observatory", "frequency", "arrival", "rise", "flag", "alone", "shared")
         }
         collapsed = []
-        for one, start, (square, mixed, _) in zip(self.craft, starts, parts, strict=True):
+        for one, start, (square, mixed, *_) in zip(self.craft, starts, parts, strict=True):
             light = one.light
             inverse = np.linalg.inv(square)
             level, rise, by_level = self._level(one)
@@ -422,8 +472,10 @@ class _Fit:
             number = light.frequency_mhz.size
             arrival, rises, alone = (np.full(number, np.nan) for _ in range(3))
             every = np.full((number, root.shape[1]), np.nan)
-            arrival[one.rows], rises[one.rows] = one.arrival_s + level, rise
-            alone[one.rows], every[one.rows] = np.sqrt(inverse[:, 0, 0]), shared
+            trial, log = self.posterior(one, np.sqrt(inverse[:, 0, 0]))
+            mean, sd = _moments(trial, log)
+            arrival[one.rows], rises[one.rows] = mean + level, rise
+            alone[one.rows], every[one.rows] = sd, shared
             columns["observatory"].append(np.full(number, light.observatory, dtype=object))
             for name, values in (
                 ("frequency", light.frequency_mhz),
@@ -474,12 +526,28 @@ class _Fit:
         return at * width, (GRID[top] - at) * width, derivative * width[:, None]
 
     def _collapsed(self, one: Craft, level_s: FloatArray) -> Collapsed:
-        mean = self.model(one, self.value)
+        top = np.exp(self._log_profile(one, self.value)[0].max(axis=1))[:, None]
+        mean = self.model(one, self.value) / top
         width = np.exp(one.log_width + self._width_terms(one) @ self.value)[:, None]
         widths = (one.time_s - one.arrival_s[:, None] - level_s[:, None]) / width
-        height = (one.power - one.base[:, None]) / one.height[:, None]
+        height = (one.power - one.base[:, None]) / one.height[:, None] / top
         shown = (np.where(one.known, values, np.nan) for values in (widths, height, mean))
         return Collapsed(one.light.observatory, one.frequency_mhz, *shown)
+
+
+def _moments(at: FloatArray, log: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Mean and standard deviation along the second axis of a density whose logarithm is known at points."""
+    density = np.exp(log - log.max(axis=1, keepdims=True))
+    share = density * _spacing(at)
+    share /= share.sum(axis=1, keepdims=True)
+    mean = (share * at).sum(axis=1)
+    return mean, np.sqrt((share * (at - mean[:, None]) ** 2).sum(axis=1))
+
+
+def _spacing(at: FloatArray) -> FloatArray:
+    """Length that belongs to each point along the second axis."""
+    steps = np.diff(at, axis=1)
+    return np.asarray(0.5 * (np.pad(steps, ((0, 0), (1, 0))) + np.pad(steps, ((0, 0), (0, 1)))))
 
 
 def _window(

@@ -3,8 +3,8 @@
 Every channel is looked at in a window of its own around the onset that the search has found there, so that other bursts
 of the day have no say. Four definitions of the edge:
 
-``shared_profile``: from the profile that all spacecraft share (:mod:`bella.bursts.shared_profile`); where there are
-fewer than three spacecraft, or it does not converge, ``half_rise`` takes its place. ``half_rise``: from the rising flank
+``shared_profile``: from the profile that all spacecraft share (:mod:`bella.bursts.shared_profile`); ``half_rise`` takes
+its place where there are fewer than three spacecraft, or it does not converge. ``half_rise``: from the rising flank
 of each channel alone (:mod:`bella.bursts.flank`). ``half_maximum``: by a straight line between two samples.
 ``gauss_hermite``: the edge of Canizares et al. 2024 (both :mod:`bella.bursts.edges`).
 """
@@ -14,17 +14,27 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+import numpy.typing as npt
 import pandas as pd
 import xarray as xr
 
-from bella.arrivals import check_arrivals
+from bella.arrivals import SHAPE_LENGTH, check_arrivals
 from bella.bursts.association import FEWEST_SPACECRAFT
 from bella.bursts.detection import Candidate, Searched, candidate_at, onset_records
 from bella.bursts.edges import Edge, gauss_hermite_edge, half_maximum_edge, spacing_s
 from bella.bursts.flank import SampleAveraging, flank_edges
 from bella.bursts.light_curves import LightCurves, RiseOfBurst, decay_s, own_rise
 from bella.bursts.matched_filter import BEAM_SPEEDS_C, FREQUENCY_MHZ, STEP_S
-from bella.bursts.noise import OFFSET_S, Timed, at_frequencies, estimate_noise, noise_columns, outliers, spread_channels
+from bella.bursts.noise import (
+    OFFSET_S,
+    SHAPE_LENGTH_LN_F,
+    Timed,
+    at_frequencies,
+    estimate_noise,
+    noise_columns,
+    outliers,
+    spread_channels,
+)
 from bella.bursts.shared_profile import Collapsed, fit_profile
 from bella.exceptions import InputError, NoDataError
 from bella.heliosphere.scattering import rise_s
@@ -45,6 +55,9 @@ AROUND_S = 900.0
 
 LOWEST_MHZ, HIGHEST_MHZ = 0.15, 2.0
 """Band in which sources are placed, as in Canizares et al. 2024, A&A 684, A182, doi:10.1051/0004-6361/202347747."""
+
+PROFILE_MHZ = (0.1, 3.0)
+"""Channels that share a profile: it changes slowly with ln f, and no source is placed above."""
 
 FREQUENCIES = 40
 MOST_ROWS = 120
@@ -191,7 +204,7 @@ def spectrum_edges(spectrum: xr.Dataset, edge: str = HALF_RISE, window_utc: Wind
     measured = _measured(spectrum, window_utc)
     start = measured["time"].to_numpy()[0].astype("datetime64[ns]")
     light = light_curves(measured, start)
-    found = _light_curve_edges(light, edge, own_rise([light]))
+    found = _light_curve_edges(light, edge, None)
     frame = _edge_frame(light, found, edge, start)
     return frame.assign(sigma_s=np.hypot(frame["sigma_s"], _sample_time_sd_s(measured)))
 
@@ -241,10 +254,10 @@ def _sample_time_sd_s(spectrum: xr.Dataset) -> FloatArray:
     return np.nan_to_num(spectrum["sample_time_sd_s"].to_numpy().astype(np.float64))
 
 
-def _light_curve_edges(light: LightCurves, edge: str, rises: RiseOfBurst) -> list[Edge]:
+def _light_curve_edges(light: LightCurves, edge: str, rises: RiseOfBurst | None) -> list[Edge]:
     if edge == HALF_RISE:
         averaging = SampleAveraging(light.integration_s, light.apart_s)
-        return flank_edges(light.time_s, light.power, light.cadence_s, light.frequency_mhz, averaging, rises)
+        return flank_edges(light.time_s, light.power, light.cadence_s, light.frequency_mhz, averaging, rises=rises)
     curves = zip(light.time_s.T, light.power.T, strict=True)
     if edge == "half_maximum":
         return [
@@ -296,31 +309,42 @@ def time_burst(parts: Sequence[xr.Dataset], edge: str = SHARED) -> TimedBurst:
     measured = [part for part in measured if part.sizes["frequency"]]
     if not measured:
         raise NoDataError("no spacecraft has a channel in the band of the burst: give other files")
-    reference = min(part["time"].to_numpy()[0] for part in measured).astype("datetime64[s]").astype("datetime64[ns]")
-    lights = [light_curves(part, reference) for part in measured]
-    timed, flags, collapsed = None, np.empty(0, dtype=object), ()
     if edge == SHARED:
+        inside = [part.sel(frequency=slice(*PROFILE_MHZ)) for part in measured]
         try:
-            fit = fit_profile(lights)
+            return _profile_timed([part for part in inside if part.sizes["frequency"]])
         except NoDataError:
             edge = HALF_RISE
-        else:
-            timed = Timed(
-                *(fit.observatory, fit.frequency_mhz, fit.arrival_s, fit.rise_s, fit.independent_sd_s, fit.shared_s),
-                np.zeros(fit.arrival_s.size),
-            )
-            flags, collapsed = fit.flag, fit.collapsed
-    if timed is None:
-        timed, flags = _alone(lights, edge)
-    timed = replace(
-        timed,
-        channel_sd_s=np.hypot(timed.channel_sd_s, np.concatenate([_own_time_sd_s(part) for part in measured])),
-        offset_s=np.concatenate([np.full(part.sizes["frequency"], _offset_s(part)) for part in measured]),
+    reference = _reference(measured)
+    timed, flags = _alone([light_curves(part, reference) for part in measured], edge)
+    return _with_noise(_with_clock(timed, measured), flags, edge, reference, ())
+
+
+def _reference(parts: Sequence[xr.Dataset]) -> np.datetime64:
+    earliest = min(part["time"].to_numpy()[0] for part in parts)
+    return np.datetime64(np.datetime64(earliest, "s"), "ns")
+
+
+def _profile_timed(parts: Sequence[xr.Dataset]) -> TimedBurst:
+    reference = _reference(parts)
+    fit = fit_profile([light_curves(part, reference) for part in parts])
+    timed = Timed(
+        *(fit.observatory, fit.frequency_mhz, fit.arrival_s, fit.rise_s, fit.independent_sd_s, fit.shared_s),
+        np.zeros(fit.arrival_s.size),
     )
-    return _with_noise(timed, flags, edge, reference, collapsed)
+    return _with_noise(_with_clock(timed, parts), fit.flag, SHARED, reference, fit.collapsed)
 
 
-def _alone(lights: Sequence[LightCurves], edge: str) -> tuple[Timed, np.ndarray]:
+def _with_clock(timed: Timed, parts: Sequence[xr.Dataset]) -> Timed:
+    """The same with how well the times of samples are known."""
+    return replace(
+        timed,
+        channel_sd_s=np.hypot(timed.channel_sd_s, np.concatenate([_own_time_sd_s(part) for part in parts])),
+        offset_s=np.concatenate([np.full(part.sizes["frequency"], _offset_s(part)) for part in parts]),
+    )
+
+
+def _alone(lights: Sequence[LightCurves], edge: str) -> tuple[Timed, npt.NDArray[np.object_]]:
     """Edges of each light curve on its own."""
     rises = own_rise(lights)
     found = [one for light in lights for one in _light_curve_edges(light, edge, rises)]
@@ -339,7 +363,7 @@ def _alone(lights: Sequence[LightCurves], edge: str) -> tuple[Timed, np.ndarray]
 
 
 def _with_noise(
-    timed: Timed, flags: np.ndarray, edge: str, reference: np.datetime64, collapsed: tuple[Collapsed, ...]
+    timed: Timed, flags: npt.NDArray[np.object_], edge: str, reference: np.datetime64, collapsed: tuple[Collapsed, ...]
 ) -> TimedBurst:
     good = np.flatnonzero((flags == "") & np.isfinite(timed.arrival_s))
     if not good.size:
@@ -473,6 +497,7 @@ def arrival_frame(timed: TimedBurst, rows: Timed) -> pd.DataFrame:
             **noise_columns(rows),
         }
     )
+    frame.attrs[SHAPE_LENGTH] = SHAPE_LENGTH_LN_F
     return check_arrivals(frame, source="edges of the channels", heard_by=1)
 
 

@@ -6,12 +6,14 @@ from dataclasses import dataclass
 import numpy as np
 
 from bella.exceptions import InputError
+from bella.heliosphere.scattering import NO_DELAY, DirectionalDelay
 from bella.multilateration.priors import PRESETS, Noise, Priors
 from bella.units import AU_RSUN, FloatArray
 
 DEFAULT = PRESETS["default"]
-FREE_SPEED = PRESETS["free-speed"].priors
-SUBLUMINAL = PRESETS["subluminal"].priors
+PAPER = PRESETS["bella-2024"]
+FREE_SPEED = Priors(v_sd_c=0.1)
+SUBLUMINAL = Priors(v_sd_c=0.1, v_max_c=1.0)
 ROBUST = PRESETS["robust"].noise
 
 NEARER_RECEIVERS = ((0.5, 40.0, 30.0), (0.8, -60.0, -25.0))
@@ -65,6 +67,7 @@ class Stratum:
     noise : Noise
     offset_sd_s : float
         Standard deviation of the timing offset of each receiver, s.
+    delay : DirectionalDelay
     misfit : Misfit or None
         None where truth and fitted model are the same.
     """
@@ -74,9 +77,10 @@ class Stratum:
     separation_deg: float
     sigma_s: float
     dimensions: int = 2
-    priors: Priors = DEFAULT.priors
-    noise: Noise = DEFAULT.noise
+    priors: Priors = PAPER.priors
+    noise: Noise = PAPER.noise
     offset_sd_s: float = 0.0
+    delay: DirectionalDelay = NO_DELAY
     misfit: Misfit | None = None
 
     @property
@@ -100,6 +104,8 @@ class Stratum:
             parts.append(f"{100 * self.noise.bad_probability:g} % bad arrival times")
         if self.offset_sd_s:
             parts.append(f"offsets of {self.offset_sd_s:g} s")
+        if self.delay.is_free:
+            parts.append(f"directional delay {self.delay.kappa:g} ± {self.delay.kappa_sd:g} of the rise")
         return ", ".join(parts)
 
 
@@ -119,6 +125,8 @@ STRATA = (
     Stratum("four-offsets", 4, 116.0, 7.0, offset_sd_s=20.0),
     Stratum("four-robust", 4, 116.0, 38.0, noise=ROBUST),
     Stratum("four-subluminal", 4, 116.0, 38.0, priors=SUBLUMINAL),
+    Stratum("wide-delay", 3, 116.0, 7.0, priors=DEFAULT.priors, delay=DEFAULT.delay),
+    Stratum("four-delay", 4, 116.0, 7.0, priors=DEFAULT.priors, delay=DEFAULT.delay),
     Stratum("five-sharp", 5, 116.0, 7.0),
     Stratum("five-speed", 5, 116.0, 7.0, priors=FREE_SPEED),
     Stratum("five-subluminal", 5, 116.0, 7.0, priors=SUBLUMINAL),

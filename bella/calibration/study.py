@@ -110,7 +110,7 @@ def run_stratum(stratum: Stratum, sources: int, seed: int, advance: Callable[[in
 
 def recipe_of(stratum: Stratum, seed: int) -> Recipe:
     """Recipe with which a stratum is fitted."""
-    preset = Preset(stratum.name, stratum.priors, "table", noise=stratum.noise)
+    preset = Preset(stratum.name, stratum.priors, "table", noise=stratum.noise, delay=stratum.delay)
     return Recipe("posterior", preset, stratum.dimensions, DRAWS, seed)
 
 
@@ -136,7 +136,7 @@ def compare(
     -------
     Comparison
     """
-    problems = problems_of(grid, stratum.priors, stratum.dimensions, stratum.noise)
+    problems = problems_of(grid, stratum.priors, stratum.dimensions, stratum.noise, stratum.delay)
     draws, at_truth = posterior.draws, log_density(problems, truths.position_rsun.T)
     pairs = {
         **{AXES[i]: (truths.position_rsun[:, i], draws.position[..., i]) for i in range(stratum.dimensions)},

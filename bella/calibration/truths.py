@@ -8,6 +8,7 @@ from scipy.stats import truncnorm
 from bella.arrivals import ArrivalGrid
 from bella.calibration.strata import Misfit, Stratum
 from bella.heliosphere import spiral_longitude_deg
+from bella.multilateration.priors import Priors
 from bella.units import C_RSUN_S, FloatArray
 
 EMISSION_HALF_WIDTH_S = 3000.0
@@ -17,6 +18,8 @@ SPIRAL_RSUN = (10.0, 150.0)
 SPIRAL_SPEED_KM_S = 400.0
 EPOCH = np.datetime64("2012-06-07T19:00:00", "ns")
 AS_DECLARED = Misfit("")
+DELAY_RISE_S = 60.0
+"""Half width of the rise in the strata with a directional delay: that of a burst at 0.5 MHz."""
 
 
 @dataclass(frozen=True)
@@ -53,12 +56,18 @@ def draw_truths(stratum: Stratum, number: int, rng: np.random.Generator) -> Trut
     on_spiral = stratum.misfit is not None and stratum.misfit.on_spiral
     z = truncnorm.rvs(-np.inf, (priors.v_max_c - 1) / priors.v_sd_c, size=number, random_state=rng)
     return Truths(
-        position_rsun=_on_spirals(number, rng)
-        if on_spiral
-        else rng.normal(0, priors.tau_rsun, (number, stratum.dimensions)),
+        position_rsun=_on_spirals(number, rng) if on_spiral else _from_prior(priors, number, stratum.dimensions, rng),
         emission_s=rng.uniform(-EMISSION_HALF_WIDTH_S, EMISSION_HALF_WIDTH_S, number),
         v_over_c=1 + priors.v_sd_c * z,
     )
+
+
+def _from_prior(priors: Priors, number: int, dimensions: int, rng: np.random.Generator) -> FloatArray:
+    """Positions whose density is exp(-(r / tau)^power / 2): in any direction, with r^power a gamma variate."""
+    direction = rng.standard_normal((number, dimensions))
+    direction /= np.linalg.norm(direction, axis=1, keepdims=True)
+    radius = priors.tau_rsun * (2 * rng.gamma(dimensions / priors.power, size=number)) ** (1 / priors.power)
+    return np.asarray(radius[:, None] * direction)
 
 
 def _on_spirals(number: int, rng: np.random.Generator) -> FloatArray:
@@ -96,8 +105,12 @@ def arrival_grid(stratum: Stratum, truths: Truths, rng: np.random.Generator) -> 
         reference_utc=EPOCH,
         edge="calibration",
         offset_sd_s=np.full(shape, stratum.offset_sd_s),
+        rise_s=np.full(shape, DELAY_RISE_S),
     )
     misfit = stratum.misfit or AS_DECLARED
+    delay = stratum.delay
+    kappa = delay.kappa + delay.kappa_sd * rng.standard_normal((number, 1)) if delay.is_free else 0.0
+    grid.arrival_s[:] += kappa * DELAY_RISE_S * (1 - _cosine(source, toward))
     grid.arrival_s[:] += misfit.error_factor * _errors(grid, stratum, rng) + _lateness(misfit, source, toward, rng)
     return grid
 
@@ -121,14 +134,19 @@ def _log_probability(stratum: Stratum, bad: FloatArray) -> FloatArray:
     return np.asarray(log_probability - np.logaddexp.reduce(log_probability))
 
 
+def _cosine(source: FloatArray, toward: FloatArray) -> FloatArray:
+    """Cosine of the angle at each source between the direction away from the Sun and that to a receiver, (B, n)."""
+    cosine = np.einsum("bd,bnd->bn", source, toward)
+    return np.asarray(cosine / (np.linalg.norm(source, axis=1)[:, None] * np.linalg.norm(toward, axis=2)))
+
+
 def _lateness(misfit: Misfit, source: FloatArray, toward: FloatArray, rng: np.random.Generator) -> FloatArray:
     """Delays that the model is not told of, shape (B, n), s.
 
     That of a receiver grows with the angle a at the source between the direction away from the Sun and the one to the
     receiver, as (1 - cos a)/2.
     """
-    cosine = np.einsum("bd,bnd->bn", source, toward)
-    cosine /= np.linalg.norm(source, axis=1)[:, None] * np.linalg.norm(toward, axis=2)
+    cosine = _cosine(source, toward)
     delay = misfit.least_delay_s + (misfit.most_delay_s - misfit.least_delay_s) * (1 - cosine) / 2
     late = rng.integers(toward.shape[1], size=len(toward))
     return np.asarray(delay + misfit.late_s * (np.arange(toward.shape[1]) == late[:, None]))

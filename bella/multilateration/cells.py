@@ -2,38 +2,55 @@
 
 Space is divided into equal squares that are halved until the density changes little across one. A cell is dropped only
 when an upper bound of the density anywhere in it is far below the best value found: the root of the misfit is Lipschitz
-in x with constant sqrt(W) u_max, because distances change by no more than the source moves. All final cells of a
-problem have one size, so that the midpoint rule on them is accurate far beyond its order. In space the squares are
-cubes.
+in x, because distances change by no more than the source moves and delays by no more than directions turn. All final
+cells of a problem have one size, so that the midpoint rule on them is accurate far beyond its order. In space the
+squares are cubes.
 """
 
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
 from bella.exceptions import ConvergenceError
-from bella.multilateration.likelihood import IntArray, Local, Problems, evaluate, sharpness
+from bella.multilateration.likelihood import (
+    NEAR_RSUN,
+    NEAREST_RSUN,
+    RANGE_SD,
+    BoolArray,
+    IntArray,
+    Local,
+    Problems,
+    Survey,
+    blocks,
+    evaluate,
+    survey,
+)
 from bella.multilateration.speed import SpeedMoments, log_speed_factor, speed_moments
 from bella.units import FloatArray
 
-BoolArray = npt.NDArray[np.bool_]
-
-BOX_TAU = 6.0
-"""Half width of the first box, in prior standard deviations."""
+BOX_NATS = 18.0
+"""The first box reaches to where the prior of the position has fallen by so much."""
 FIRST_CELLS = 16
 """Cells per axis at the start."""
 DROP_NATS = 13.0
 """A cell is dropped when its bound is this far below the best density."""
+BELOW_NATS, BELOW_NATS_OF_MIXTURE = 14.5, 17.0
+"""A final cell is dropped when its density is this far below; noise with bad arrival times has longer tails. Standard
+deviations then hold to 5e-4 against brute force."""
 FINE_NATS = 8.0
-"""Cells whose bound is within this of the best density decide when to stop."""
-TOLERANCE = 1.15
+"""Cells whose bound is within this of the best density decide when to stop; near the Sun or a receiver, where the bound
+says little, those whose centre is."""
+TOLERANCE = 1.05
 """Longest edge of a final cell, in local standard deviations. Moments hold to 1e-4 with edges half as long again; it is
 the draws, spread evenly within a cell, that want smaller ones."""
-SLOWNESS_RANGE_SD = 4.0
-"""The bound holds for slownesses within this many prior standard deviations."""
 LOG_SLACK = 0.3
-"""Allowance for the slow change of log P across a cell, nats."""
+"""Allowance for what the bound of log det G leaves out, nats."""
+MOST_LOG_DET = 700.0
+"""Larger ones would overflow; the bound is then only less tight."""
+MOST_PARTS = 3
+"""In so many parts, at most, a cell is divided at once when that makes it final."""
+OVERSIZE = 1.1
+"""A final cell may be larger than the tolerance by this: the sharpest place is known only to a cell."""
 MAX_CELLS = 2_000_000
 """Most cells of one problem, times components of the noise; more is an error, never a silent cut."""
 MAX_CELLS_TOGETHER = 300_000
@@ -96,6 +113,9 @@ class Cells(Lattice):
 def divide(problems: Problems, *, tolerance: float = TOLERANCE, drop_nats: float = DROP_NATS) -> Cells:
     """Divide space until every problem's cells resolve its posterior.
 
+    Cells are halved while they are far too large, and then divided in as many parts as it takes, so that the final ones
+    are hardly smaller than they must be.
+
     Parameters
     ----------
     problems : Problems
@@ -116,25 +136,44 @@ def divide(problems: Problems, *, tolerance: float = TOLERANCE, drop_nats: float
     """
     lattice = _first_lattice(problems)
     best = np.full(problems.count, -np.inf)
-    done: list[tuple[Lattice, Local]] = []
+    done: list[tuple[Lattice, FloatArray]] = []
     while lattice.owner.size:
-        here, centres = problems.at(lattice.owner), lattice.centres
-        local = evaluate(here, centres)
-        best = np.maximum(best, _highest(_density(local, problems), lattice.owner, problems.count))
-        deficit = best[lattice.owner] - _upper_bound(here, centres, lattice.half_diagonal[lattice.owner], local)
-        fine = _is_fine(problems, lattice, deficit < FINE_NATS, tolerance)[lattice.owner]
-        kept = deficit < drop_nats
-        done.append(_pick(lattice, local, kept & fine))
-        lattice = _halved(lattice, kept & ~fine)
+        value, bound, sharp, near = _level(lattice, problems)
+        best = np.maximum(best, _highest(value, lattice.owner, problems.count))
+        deficit = best[lattice.owner] - bound
+        high = deficit < FINE_NATS
+        high &= ~near | (best[lattice.owner] - value < FINE_NATS)
+        parts = _parts(lattice, sharp, high, tolerance)
+        final = parts[lattice.owner] == 1
+        done.append(_pick(lattice, value, final & (deficit < drop_nats)))
+        lattice = _divided(lattice, (deficit < drop_nats) & ~final, parts)
         _check_budget(lattice, problems.components)
-    return _gathered(done, problems)
+    return _gathered(done, drop_nats, problems)
 
 
-def _density(local: Local, problems: Problems) -> FloatArray:
-    """Log density of all components together, (M,). Only a largest speed can change it much against the bound."""
-    if problems.priors.is_truncated:
-        return mixed(local.log_density + log_speed_factor(local, problems.priors))
-    return mixed(local.log_density)
+def _level(lattice: Lattice, problems: Problems) -> tuple[FloatArray, FloatArray, FloatArray, BoolArray]:
+    """Log density of all components together at the centres, its bound in each cell, the sharpness, each (M,).
+
+    And which cells are small, and near the Sun or a receiver.
+    """
+    centres, reach = lattice.centres, lattice.half_diagonal[lattice.owner]
+    value, bound, sharp = (np.empty_like(reach) for _ in range(3))
+    near = np.empty(reach.shape, dtype=bool)
+    for some, owner in blocks(lattice.owner):
+        here, points = problems.at(owner), centres[:, some]
+        seen = survey(here, points)
+        # only a largest speed can change the density much against the bound
+        value[some] = _whole_density(here, points) if here.priors.is_truncated else mixed(seen.log_density)
+        nearest = np.minimum(np.sqrt((points**2).sum(axis=0)), seen.distance.min(axis=0))
+        near[some] = (nearest < NEAR_RSUN + reach[some]) & (reach[some] < NEAR_RSUN)
+        bound[some] = _upper_bound(here, points, reach[some], seen)
+        sharp[some] = np.hypot(seen.sharpness, 1 / here.priors.tau_rsun)
+    return value, bound, sharp, near
+
+
+def _whole_density(here: Problems, points: FloatArray) -> FloatArray:
+    local = evaluate(here, points)
+    return mixed(local.log_density + log_speed_factor(local, here.priors))
 
 
 def mixed(log_density: FloatArray) -> FloatArray:
@@ -153,7 +192,7 @@ def _highest(values: FloatArray, owner: IntArray, count: int) -> FloatArray:
 
 
 def _first_lattice(problems: Problems) -> Lattice:
-    origin = -BOX_TAU * problems.priors.tau_rsun
+    origin = -problems.priors.tau_rsun * (2 * BOX_NATS) ** (1 / problems.priors.power)
     index = np.indices((FIRST_CELLS,) * problems.dimensions).reshape(problems.dimensions, -1)
     return Lattice(
         np.tile(index, problems.count),
@@ -163,33 +202,59 @@ def _first_lattice(problems: Problems) -> Lattice:
     )
 
 
-def _upper_bound(here: Problems, centres: FloatArray, reach: FloatArray, local: Local) -> FloatArray:
-    """Bound of the log density anywhere in each cell, shape (M,); `reach` is the half diagonal of its cell."""
-    priors = here.priors
-    slowest = priors.slowness_mean + SLOWNESS_RANGE_SD * priors.slowness_sd
-    change = np.sqrt(here.total_weight) * slowest * reach
-    misfit = np.maximum(np.sqrt(np.maximum(local.misfit, 0)) - change, 0) ** 2
+def _upper_bound(here: Problems, centres: FloatArray, reach: FloatArray, seen: Survey) -> FloatArray:
+    """Bound of the log density anywhere in each cell, shape (M,)."""
+    priors, delay = here.priors, here.delay
     radius = np.sqrt((centres**2).sum(axis=0))
-    prior = (np.maximum(radius - reach, 0) / priors.tau_rsun) ** 2
-    log_precision = -2 * np.log(local.slowness_sd / priors.slowness_sd)
-    return mixed(here.log_norm - 0.5 * (misfit + prior + log_precision)) + LOG_SLACK - priors.log_share_allowed
+    inner = np.maximum(radius - reach, 0.0)
+    travel, late = _largest_turns(here, reach, inner, seen)
+    slowest = priors.slowness_mean + RANGE_SD * priors.slowness_sd
+    largest_kappa = abs(delay.kappa) + RANGE_SD * delay.kappa_sd
+    # no more than the whole way towards every receiver and the whole turn; or the slope, which itself changes by a turn
+    anywhere = here.steepest * (slowest * reach + largest_kappa * np.minimum(late * reach, 2 * here.rise_s.max(axis=0)))
+    bend = here.steepest * (
+        slowest * travel + largest_kappa * late * (travel + reach / np.maximum(inner, NEAREST_RSUN))
+    )
+    from_slope = np.where(np.minimum(radius, seen.distance.min(axis=0)) < NEAR_RSUN, np.inf, seen.sharpness + bend)
+    change = np.minimum(anywhere, from_slope * reach)
+    lowest = np.maximum(np.sqrt(np.maximum(seen.misfit, 0)) - change, 0) ** 2
+    widened = here.steepest * (priors.slowness_sd * reach + delay.kappa_sd * late * reach)
+    root = np.maximum(np.sqrt(np.expm1(np.minimum(seen.log_det, MOST_LOG_DET))) - widened, 0)
+    bound = mixed(here.log_norm - 0.5 * (lowest + np.log1p(root**2)))
+    return bound + priors.log_position(inner**2) + LOG_SLACK - priors.log_share_allowed
 
 
-def _is_fine(problems: Problems, lattice: Lattice, high: BoolArray, tolerance: float) -> BoolArray:
-    """Which problems have cells that are small against the posterior they resolve, shape (B,)."""
-    owner = lattice.owner[high]
-    sharp = sharpness(problems.at(owner), lattice.centres[:, high])
-    sharpest = np.maximum(_highest(sharp, owner, problems.count), 0)
-    return np.asarray(sharpest * lattice.side <= tolerance)
+def _largest_turns(here: Problems, reach: FloatArray, inner: FloatArray, seen: Survey) -> tuple[FloatArray, FloatArray]:
+    """Largest turn of the direction to a receiver within each cell, and change of a delay per way, s per solar radius.
+
+    Directions turn by no more than the way over the distance.
+    """
+    nearest = np.maximum(seen.distance.min(axis=0) - reach, NEAREST_RSUN)
+    late = here.rise_s.max(axis=0) * (1 / np.maximum(inner, NEAREST_RSUN) + 1 / nearest)
+    return np.minimum(reach / nearest, 2.0), late
 
 
-def _halved(lattice: Lattice, chosen: BoolArray) -> Lattice:
+def _parts(lattice: Lattice, sharp: FloatArray, high: BoolArray, tolerance: float) -> IntArray:
+    """In how many parts along each axis the cells of each problem are to be divided, shape (B,); 1: they are final."""
+    sharpest = _highest(sharp[high], lattice.owner[high], lattice.side.size)
+    exact = np.ceil(np.where(np.isfinite(sharpest), sharpest, np.inf) * lattice.side / tolerance / OVERSIZE)
+    parts = np.where(exact <= MOST_PARTS, exact, 2)
+    return np.where(np.bincount(lattice.owner, minlength=parts.size) > 0, parts, 1).astype(np.intp)
+
+
+def _divided(lattice: Lattice, chosen: BoolArray, parts: IntArray) -> Lattice:
+    """Cells divided in the parts of their problem along each axis."""
+    some = [_divided_in(lattice, chosen & (parts[lattice.owner] == number), int(number)) for number in np.unique(parts)]
+    index, owner = (np.concatenate([pair[i] for pair in some], axis=-1) for i in (0, 1))
+    order = np.argsort(owner, kind="stable") if len(some) > 1 else slice(None)
+    return Lattice(index[:, order], owner[order], lattice.side / parts, lattice.origin)
+
+
+def _divided_in(lattice: Lattice, chosen: BoolArray, parts: int) -> tuple[IntArray, IntArray]:
     dimensions = lattice.index.shape[0]
-    corner = np.indices((2,) * dimensions).reshape(dimensions, -1)
-    index = (2 * lattice.index[:, chosen, None] + corner[:, None, :]).reshape(dimensions, -1)
-    owner = np.repeat(lattice.owner[chosen], 2**dimensions)
-    counts = np.bincount(owner, minlength=lattice.side.size)
-    return Lattice(index, owner, np.where(counts > 0, lattice.side / 2, lattice.side), lattice.origin)
+    corner = np.indices((parts,) * dimensions).reshape(dimensions, -1)
+    index = (parts * lattice.index[:, chosen, None] + corner[:, None, :]).reshape(dimensions, -1)
+    return index, np.repeat(lattice.owner[chosen], parts**dimensions)
 
 
 def _check_budget(lattice: Lattice, components: int) -> None:
@@ -200,13 +265,15 @@ def _check_budget(lattice: Lattice, components: int) -> None:
         )
 
 
-def _pick(lattice: Lattice, local: Local, chosen: BoolArray) -> tuple[Lattice, Local]:
-    part = Lattice(lattice.index[:, chosen], lattice.owner[chosen], lattice.side, lattice.origin)
-    return part, Local(**{name: getattr(local, name)[:, chosen] for name in Local.__dataclass_fields__})
+def _pick(lattice: Lattice, value: FloatArray, chosen: BoolArray) -> tuple[Lattice, FloatArray]:
+    return Lattice(lattice.index[:, chosen], lattice.owner[chosen], lattice.side, lattice.origin), value[chosen]
 
 
-def _gathered(done: list[tuple[Lattice, Local]], problems: Problems) -> Cells:
-    """All final cells in the order of their problems; the last lattice knows the final size of every problem's."""
+def _gathered(done: list[tuple[Lattice, FloatArray]], drop_nats: float, problems: Problems) -> Cells:
+    """Final cells in the order of their problems, without those far below the best of them.
+
+    The last lattice knows the final size of every problem's.
+    """
     last = done[-1][0]
     owner = np.concatenate([part.owner for part, _ in done])
     if np.bincount(owner, minlength=problems.count).min() == 0:
@@ -214,11 +281,16 @@ def _gathered(done: list[tuple[Lattice, Local]], problems: Problems) -> Cells:
             "no position explains the arrival times within sigma_s; check them, give larger sigma_s, or leave it out"
         )
     order = np.argsort(owner, kind="stable")
-    index = np.concatenate([part.index for part, _ in done], axis=1)[:, order]
-    local = Local(
-        **{
-            name: np.concatenate([getattr(part, name) for _, part in done], axis=1)[:, order]
-            for name in Local.__dataclass_fields__
-        }
+    value = np.concatenate([value for _, value in done])[order]
+    below = drop_nats - DROP_NATS + (BELOW_NATS if problems.components == 1 else BELOW_NATS_OF_MIXTURE)
+    lowest = _highest(value, owner[order], problems.count) - below
+    order = order[value > lowest[owner[order]]]
+    lattice = Lattice(
+        np.concatenate([part.index for part, _ in done], axis=1)[:, order], owner[order], last.side, last.origin
     )
-    return Cells(index, owner[order], last.side, last.origin, local, speed_moments(local, problems.priors))
+    centres = lattice.centres
+    parts = [evaluate(problems.at(one), centres[:, some]) for some, one in blocks(lattice.owner)]
+    local = Local(
+        **{name: np.concatenate([getattr(part, name) for part in parts], axis=1) for name in Local.__dataclass_fields__}
+    )
+    return Cells(lattice.index, lattice.owner, last.side, last.origin, local, speed_moments(local, problems.priors))

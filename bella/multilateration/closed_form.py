@@ -5,7 +5,8 @@ the relative slowness, weights w_i = 1/sigma_i^2, and weighted means taken off (
 
     F = sum w g~ g~^T + I/tau^2 - q q^T / (sum w k~^2 + 1/rel^2),   q = sum w g~ k~,   cov = F^-1,
 
-where rel is the prior standard deviation of the speed over c (Fisher information of the model of Canizares et al. 2024,
+and for errors with a covariance C between the receivers sum w a~ b~ stands for a^T (C^-1 - C^-1 1 1^T C^-1 / W) b. Here
+rel is the prior standard deviation of the speed over c (Fisher information of the model of Canizares et al. 2024,
 doi:10.1051/0004-6361/202347747, emission time and speed eliminated by their Schur complement). It knows nothing of the
 curvature of the problem: :mod:`bella.multilateration.uncertainty_map` says where that matters.
 """
@@ -22,7 +23,11 @@ NEAREST_RSUN = 1e-9
 
 
 def closed_form_covariance(
-    points: FloatArray, receivers_rsun: FloatArray, sigma_s: FloatArray, priors: Priors
+    points: FloatArray,
+    receivers_rsun: FloatArray,
+    sigma_s: FloatArray,
+    priors: Priors,
+    correlation: FloatArray | None = None,
 ) -> FloatArray:
     """Covariance of the position of sources at given points, by the information there.
 
@@ -35,37 +40,42 @@ def closed_form_covariance(
     sigma_s : ndarray, shape (n,)
         Timing error of each receiver, s.
     priors : Priors
+        That of the position counts as the Gaussian with its standard deviation.
+    correlation : ndarray, shape (n, n), optional
+        Of the timing errors.
 
     Returns
     -------
     ndarray, shape (N, D, D)
         Square solar radii. Finite everywhere, on a receiver too.
     """
-    weights = np.asarray(sigma_s, dtype=np.float64)[:, None] ** -2.0
+    sigma_s = np.asarray(sigma_s, dtype=np.float64)
+    covariance = np.outer(sigma_s, sigma_s) * (np.eye(sigma_s.size) if correlation is None else correlation)
+    precision = np.linalg.inv(covariance)
+    of_mean = precision.sum(axis=0)
+    root = np.linalg.cholesky(precision)
+    centred = root.T - np.outer(root.T.sum(axis=1), of_mean / of_mean.sum())
     starts = range(0, len(points), CHUNK)
-    parts = [_covariance(points[first : first + CHUNK].T, receivers_rsun, weights, priors) for first in starts]
+    parts = [_covariance(points[first : first + CHUNK].T, receivers_rsun, centred, priors) for first in starts]
     return np.concatenate(parts) if parts else np.empty((0, points.shape[1], points.shape[1]))
 
 
-def _covariance(points: FloatArray, receivers: FloatArray, weights: FloatArray, priors: Priors) -> FloatArray:
-    """Points by column, shape (D, M); weights of shape (n, 1)."""
+def _covariance(points: FloatArray, receivers: FloatArray, whitening: FloatArray, priors: Priors) -> FloatArray:
+    """Points by column, shape (D, M); `whitening` (n, n) makes errors independent and a shared part 0."""
     dimensions = points.shape[0]
     offsets = points[:, None, :] - receivers.T[:dimensions, :, None]
     distances = np.sqrt((offsets**2).sum(axis=0) + (receivers[:, dimensions:] ** 2).sum(axis=1)[:, None])
-    gradients = [_centred(offset / np.maximum(distances, NEAREST_RSUN) / C_RSUN_S, weights) for offset in offsets]
-    slowness = _centred(distances / C_RSUN_S, weights)
-    speed_information = (weights * slowness**2).sum(axis=0) + priors.v_sd_c**-2
-    shared = [(weights * gradient * slowness).sum(axis=0) for gradient in gradients]
+    gradients = [whitening @ (offset / np.maximum(distances, NEAREST_RSUN) / C_RSUN_S) for offset in offsets]
+    slowness = whitening @ (distances / C_RSUN_S)
+    speed_information = (slowness**2).sum(axis=0) + priors.v_sd_c**-2
+    shared = [(gradient * slowness).sum(axis=0) for gradient in gradients]
+    prior = priors.position_sd_rsun(dimensions) ** -2
     information = np.empty((points.shape[1], dimensions, dimensions))
     for i in range(dimensions):
         for j in range(i, dimensions):
-            term = (weights * gradients[i] * gradients[j]).sum(axis=0) - shared[i] * shared[j] / speed_information
-            information[:, i, j] = information[:, j, i] = term + (i == j) * priors.tau_rsun**-2
+            term = (gradients[i] * gradients[j]).sum(axis=0) - shared[i] * shared[j] / speed_information
+            information[:, i, j] = information[:, j, i] = term + (i == j) * prior
     return _inverse(information)
-
-
-def _centred(values: FloatArray, weights: FloatArray) -> FloatArray:
-    return np.asarray(values - (weights * values).sum(axis=0) / weights.sum())
 
 
 def _inverse(matrices: FloatArray) -> FloatArray:

@@ -21,7 +21,7 @@ class Draws:
         Solar radii.
     emission_s : ndarray, shape (B, N)
         After the reference time of the grid, s.
-    v_over_c : ndarray, shape (B, N)
+    v_over_c, kappa : ndarray, shape (B, N)
     effective : ndarray, shape (B,)
         Effective number of draws before resampling, (sum w)^2 / sum w^2.
     """
@@ -29,11 +29,12 @@ class Draws:
     position: FloatArray
     emission_s: FloatArray
     v_over_c: FloatArray
+    kappa: FloatArray
     effective: FloatArray
 
 
 def draw(problems: Problems, cells: Cells, number: int, rng: np.random.Generator) -> Draws:
-    """Draw positions, emission times and speeds from the posterior.
+    """Draw positions, emission times, speeds and directional delays from the posterior.
 
     Cells are taken in proportion to their mass, together with a component of the noise; a point within each, a speed
     and an emission time follow. What the point and the speed miss of the exact density is made good by resampling
@@ -69,12 +70,14 @@ def draw(problems: Problems, cells: Cells, number: int, rng: np.random.Generator
     def _of_chosen(values: FloatArray) -> FloatArray:
         return np.take_along_axis(values, chosen, axis=-1)
 
-    late = here.mean_arrival_s[0] - slowness * local.mean_distance[0]
+    kappa = local.kappa_given(slowness)[0] + local.kappa_sd[0] * rng.standard_normal(chosen.shape)
+    late = here.mean_arrival_s[0] - slowness * local.mean_distance[0] - kappa * local.mean_delay_s[0]
     late = late + rng.standard_normal(chosen.shape) / np.sqrt(here.total_weight[0])
     return Draws(
         position=np.stack([_of_chosen(axis) for axis in points], axis=-1),
         emission_s=_of_chosen(late),
         v_over_c=1 / (_of_chosen(slowness) * C_RSUN_S),
+        kappa=_of_chosen(kappa),
         effective=1 / (weight**2).sum(axis=1),
     )
 

@@ -40,7 +40,7 @@ def exact_posterior(grid: ArrivalGrid, recipe: Recipe, advance: Callable[[int], 
     ConvergenceError
         If a posterior is too sharp for the cells that may be spent on it; names the frequency.
     """
-    problems = problems_of(grid, recipe.preset.priors, recipe.dimensions, recipe.preset.noise)
+    problems = problems_of(grid, recipe.preset.priors, recipe.dimensions, recipe.preset.noise, recipe.preset.delay)
     rng = np.random.default_rng(recipe.seed)
     parts = []
     for batch, cells in _divided(problems, grid.frequency_mhz):
@@ -62,6 +62,7 @@ def _in_single_precision(draws: Draws) -> Draws:
         position=draws.position.astype(np.float32),
         emission_s=draws.emission_s.astype(np.float32),
         v_over_c=draws.v_over_c.astype(np.float32),
+        kappa=draws.kappa.astype(np.float32),
     )
 
 

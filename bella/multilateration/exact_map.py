@@ -43,11 +43,14 @@ class Receivers:
         Solar radii, HEE.
     sigma_s : ndarray, shape (n,)
         Timing error, s.
+    correlation : ndarray, shape (n, n), optional
+        Of the timing errors; none if left out.
     """
 
     observatories: tuple[str, ...]
     position_rsun: FloatArray
     sigma_s: FloatArray
+    correlation: FloatArray | None = None
 
 
 def exact_covariance(
@@ -169,6 +172,11 @@ def noise_free_arrivals(points: FloatArray, receivers: Receivers) -> ArrivalGrid
     shape = (len(points), len(receivers.observatories))
     sources = np.column_stack([points, np.zeros(len(points))])
     distances = np.linalg.norm(sources[:, None, :] - receivers.position_rsun, axis=2)
+    measured = None
+    if receivers.correlation is not None:
+        measured = np.zeros((*shape, *shape))
+        place = np.arange(shape[0])
+        measured[place, :, place] = np.outer(receivers.sigma_s, receivers.sigma_s) * receivers.correlation
     return ArrivalGrid(
         frequency_mhz=np.arange(1.0, len(points) + 1),
         observatories=receivers.observatories,
@@ -177,4 +185,5 @@ def noise_free_arrivals(points: FloatArray, receivers: Receivers) -> ArrivalGrid
         receiver_rsun=np.broadcast_to(receivers.position_rsun, (*shape, 3)),
         reference_utc=np.datetime64("2000-01-01", "ns"),
         edge="noise_free",
+        measured_s2=measured,
     )

@@ -1,19 +1,22 @@
 """From an arrival table to the posterior of the source at every frequency, whatever the method."""
 
 from collections.abc import Callable
+from dataclasses import replace
 from typing import Protocol
 
 import pandas as pd
 import xarray as xr
 
-from bella.arrivals import ArrivalGrid, arrival_grid, check_arrivals, locate_receivers
+from bella.arrivals import ArrivalGrid, arrival_grid, check_arrivals, check_covariance, locate_receivers
 from bella.exceptions import InputError
+from bella.heliosphere.scattering import DirectionalDelay
 from bella.multilateration.exact import exact_posterior
 from bella.multilateration.nuts import nuts_posterior
 from bella.multilateration.priors import Preset, apply_sigma_rule, find_preset
 from bella.multilateration.solution import Recipe, solution_dataset
 from bella.multilateration.summary import Posterior
 from bella.multilateration.tdoa_posterior import tdoa_posterior
+from bella.units import FloatArray
 
 
 class Method(Protocol):
@@ -60,6 +63,8 @@ def localise(  # noqa: PLR0913
     dimensions: int = 2,
     draws: int = 4000,
     seed: int = 0,
+    covariance_s2: FloatArray | None = None,
+    delay: DirectionalDelay | None = None,
     advance: Callable[[int], None] = lambda _: None,
 ) -> xr.Dataset:
     """Locate the source of a burst at every frequency heard by three or more receivers.
@@ -80,6 +85,10 @@ def localise(  # noqa: PLR0913
     draws : int
         Posterior draws to keep per frequency.
     seed : int
+    covariance_s2 : ndarray, shape (N, N), optional
+        Full covariance of the rows of the table, s^2, in place of its `sigma_s`, `shape_sd_s` and `offset_sd_s`.
+    delay : DirectionalDelay, optional
+        In place of that of the preset.
     advance : callable
         Told how many frequencies are done since the last call.
 
@@ -91,7 +100,8 @@ def localise(  # noqa: PLR0913
     Raises
     ------
     InputError
-        If preset, method or dimensions are not known, the table cannot be localised, or `draws` is below 1.
+        If preset, method or dimensions are not known, the table cannot be localised, the covariance is not that of its
+        rows, or `draws` is below 1.
     NoDataError
         If the time is outside the ephemeris.
     ConvergenceError
@@ -101,6 +111,10 @@ def localise(  # noqa: PLR0913
     check_choices(chosen, method, dimensions)
     if draws < 1:
         raise InputError(f"{draws} draws are too few; ask for 1 or more")
-    grid = apply_sigma_rule(arrival_grid(locate_receivers(check_arrivals(arrivals))), chosen)
+    chosen = chosen if delay is None else replace(chosen, delay=delay)
+    table = locate_receivers(check_arrivals(arrivals))
+    if covariance_s2 is not None:
+        check_covariance(covariance_s2, len(table))
+    grid = apply_sigma_rule(arrival_grid(table, covariance_s2=covariance_s2), chosen)
     recipe = Recipe(method, chosen, dimensions, draws, seed)
     return solution_dataset(grid, METHODS[method](grid, recipe, advance), recipe)

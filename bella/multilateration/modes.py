@@ -4,27 +4,40 @@ from dataclasses import dataclass
 from itertools import product
 
 import numpy as np
-from scipy import ndimage
 
+from bella.multilateration.likelihood import IntArray
 from bella.units import FloatArray
 
 MODE_NATS = 6.0
 """Local maxima this far below the best are not counted as modes."""
 MODE_DEPTH_NATS = 0.5
 """A maximum is a mode of its own when every way from it to a higher one leads this far down."""
-MODE_STEP_NATS = 0.25
-MODE_PIXELS = 40_000
-DEPTH_LEVELS = 60_000
-"""Steps in which depth is told to the watershed, a matter of its integers."""
 
 
 @dataclass(frozen=True)
 class Image:
-    """Log density on a regular lattice around one posterior; -inf where it is negligible."""
+    """Log density on a regular lattice around one posterior; -inf where it is negligible, and along the border.
+
+    Attributes
+    ----------
+    log_density : ndarray, shape (N, ...)
+    corner : ndarray, shape (D,)
+        Place of the first lattice point, solar radii.
+    pitch : ndarray, shape (D,)
+        Distance of lattice points along each axis, solar radii.
+    """
 
     log_density: FloatArray
     corner: FloatArray
     pitch: FloatArray
+
+    @classmethod
+    def of(cls, index: IntArray, density: FloatArray, origin: float, pitch: FloatArray) -> "Image":
+        """Image of the points with some coordinates (D, M) on a lattice whose first cell begins at an origin."""
+        low = index.min(axis=1) - 1
+        lattice = np.full(index.max(axis=1) - low + 2, -np.inf)
+        lattice[tuple(index - low[:, None])] = density
+        return cls(lattice, origin + (low + 0.5) * pitch, pitch)
 
     def place(self, index: FloatArray) -> FloatArray:
         """Position of lattice coordinates, solar radii."""
@@ -64,9 +77,9 @@ def highest(image: Image) -> FloatArray:
 def find_modes(image: Image) -> Modes:
     """Modes of a posterior and their weights.
 
-    A narrow ridge across the lattice has many maxima that only the lattice makes: a maximum counts when the saddle to
-    a higher one lies lower by `MODE_DEPTH_NATS`. Every point belongs to the maximum that steepest ascent leads to; the
-    maxima that do not count belong where rising water would carry them.
+    Every point belongs to the maximum that steepest ascent leads to. A narrow ridge across the lattice has many maxima
+    that only the lattice makes: a maximum counts when every way to a higher one leads down by `MODE_DEPTH_NATS`. One
+    that does not count joins the basin across its highest saddle.
 
     Parameters
     ----------
@@ -76,84 +89,64 @@ def find_modes(image: Image) -> Modes:
     -------
     Modes
     """
-    depth = image.log_density.max() - image.log_density
-    around = np.ones((3,) * depth.ndim)
-    peaks = depth == ndimage.minimum_filter(depth, size=3, mode="constant", cval=np.inf)
-    if ndimage.label(peaks & (depth < MODE_NATS), structure=around)[1] == 1:
-        return _single(image)
-    pooled, step = _pooled(depth)
-    basins = _basins(pooled, _seeds(pooled, around), around)
-    whole = np.kron(basins, np.ones((step,) * depth.ndim, dtype=basins.dtype)) if step > 1 else basins
-    return _weighted(image, whole[tuple(slice(length) for length in depth.shape)])
+    shape = image.log_density.shape
+    inner = np.pad(image.log_density, 1, constant_values=-np.inf)
+    flat = np.flatnonzero(np.isfinite(inner))
+    value = inner.ravel()[flat]
+    place = np.full(inner.size, value.size)
+    place[flat] = np.arange(value.size)
+    strides = np.cumprod((1, *inner.shape[:0:-1]))[::-1]
+    steps = np.array([step for step in product((-1, 0, 1), repeat=len(shape)) if any(step)]) @ strides
+    neighbours = place[flat + steps[:, None]]
+    basin = _basins(value, neighbours)
+    joined = _joined(value, neighbours, basin)
+    return _weighted(image, np.stack(np.unravel_index(flat, inner.shape)) - 1, value, joined[basin])
 
 
-def _single(image: Image) -> Modes:
-    """All of the probability in one basin."""
-    place = np.nonzero(np.isfinite(image.log_density))
-    mass = np.exp(image.log_density[place] - image.log_density.max())
-    index = np.stack([axis @ mass for axis in place]) / mass.sum()
-    return Modes(image.place(index)[None], np.ones(1))
+def _basins(value: FloatArray, neighbours: IntArray) -> IntArray:
+    """Maximum, as a point, that steepest ascent from each point ends in."""
+    around = np.append(value, -np.inf)[neighbours]
+    best = around.argmax(axis=0)
+    point = np.arange(value.size)
+    upward = np.where(around[best, point] > value, neighbours[best, point], point)
+    while not np.array_equal(upward[upward], upward):
+        upward = upward[upward]
+    return upward
 
 
-def _weighted(image: Image, basins: np.ndarray) -> Modes:
-    """Mean and weight of each basin."""
-    mass = np.exp(image.log_density - image.log_density.max())
-    labels = np.arange(1, basins.max() + 1)
-    weight = ndimage.sum_labels(mass, basins, labels)
-    moments = [ndimage.sum_labels(mass * axis, basins, labels) for axis in np.indices(mass.shape, sparse=True)]
+def _joined(value: FloatArray, neighbours: IntArray, basin: IntArray) -> IntArray:
+    """Point that stands for the mode of each maximum, shape (M,); saddles are taken from the highest down."""
+    stands = np.arange(value.size)
+    maxima = np.flatnonzero(basin == stands)
+    if maxima.size == 1:
+        return stands
+    across = np.append(basin, -1)[neighbours]
+    step, point = np.nonzero((across >= 0) & (across < basin))
+    saddle = np.minimum(value[point], value[neighbours[step, point]])
+    order = np.argsort(-saddle, kind="stable")
+    one, other = basin[point[order]], across[step[order], point[order]]
+    _, once = np.unique(one * value.size + other, return_index=True)
+    for which in np.sort(once):
+        low, high = sorted((_root(stands, int(one[which])), _root(stands, int(other[which]))), key=value.__getitem__)
+        shallow = value[low] - saddle[order[which]] < MODE_DEPTH_NATS
+        if shallow or value[low] < value.max() - MODE_NATS:
+            stands[low] = high
+    stands[maxima] = [_root(stands, int(maximum)) for maximum in maxima]
+    return stands
+
+
+def _root(stands: IntArray, maximum: int) -> int:
+    while stands[maximum] != maximum:
+        maximum = int(stands[maximum])
+    return maximum
+
+
+def _weighted(image: Image, index: IntArray, value: FloatArray, mode: IntArray) -> Modes:
+    """Mean and weight of each mode."""
+    mass = np.exp(value - value.max())
+    found, number = np.unique(mode, return_inverse=True)
+    weight = np.bincount(number, mass)
+    mean = np.stack([np.bincount(number, mass * axis) for axis in index], axis=1) / weight[:, None]
     order = np.argsort(-weight, kind="stable")
-    index = np.stack([moment / weight for moment in moments], axis=1)
-    return Modes(image.place(index)[order], weight[order] / weight.sum())
-
-
-def _pooled(depth: FloatArray) -> tuple[FloatArray, int]:
-    """Least depth of blocks, so few that a lattice of any size is flooded fast, and their size; no basin is cut."""
-    step = int(np.ceil((depth.size / MODE_PIXELS) ** (1 / depth.ndim)))
-    if step <= 1:
-        return depth, 1
-    padded = np.pad(depth, [(0, -length % step) for length in depth.shape], constant_values=np.inf)
-    blocks = padded.reshape([part for length in padded.shape for part in (length // step, step)])
-    return np.asarray(blocks.min(axis=tuple(range(1, 2 * depth.ndim, 2)))), step
-
-
-def _seeds(depth: FloatArray, around: FloatArray) -> np.ndarray:
-    """Mark the deepest place of every basin that is at least `MODE_DEPTH_NATS` deep when it joins another.
-
-    The depth is flooded step by step; a pool counts when it has grown deep enough and holds none that was counted.
-    """
-    seeds, counted = np.zeros(depth.shape, dtype=np.int32), np.zeros(depth.shape, dtype=bool)
-    for level in np.arange(MODE_DEPTH_NATS, MODE_NATS + MODE_DEPTH_NATS, MODE_STEP_NATS):
-        pools, number = ndimage.label(depth < level, structure=around)
-        labels = np.arange(1, number + 1)
-        lowest = ndimage.minimum(depth, pools, labels)
-        held = ndimage.maximum(counted, pools, labels)
-        grown = np.flatnonzero((lowest <= level - MODE_DEPTH_NATS) & (held == 0)) + 1
-        for place in ndimage.minimum_position(depth, pools, grown):
-            seeds[place] = seeds.max() + 1
-        counted |= np.isin(pools, grown)
-    return seeds
-
-
-def _basins(depth: FloatArray, seeds: np.ndarray, around: FloatArray) -> np.ndarray:
-    """Label every lattice point with the seed whose basin it lies in."""
-    finite = np.isfinite(depth)
-    deepest = max(float(depth[finite].max()), 1.0)
-    steps = np.where(finite, depth / deepest * DEPTH_LEVELS, np.iinfo(np.uint16).max).astype(np.uint16)
-    flooded = ndimage.watershed_ift(steps, seeds, structure=around)
-    return np.asarray(flooded.ravel()[_bottoms(depth)].reshape(depth.shape))
-
-
-def _bottoms(depth: FloatArray) -> np.ndarray:
-    """Flat index of the local minimum of depth that steepest descent from each point ends in, shape (points,)."""
-    padded = np.pad(depth, 1, constant_values=np.inf)
-    index = np.pad(np.arange(depth.size).reshape(depth.shape), 1)
-    inner = tuple(slice(1, -1) for _ in depth.shape)
-    lowest, next_point = depth.copy(), index[inner].copy()
-    for shift in product((-1, 0, 1), repeat=depth.ndim):
-        window = tuple(slice(1 + by, 1 + by + length) for by, length in zip(shift, depth.shape, strict=True))
-        lower = padded[window] < lowest
-        lowest[lower], next_point[lower] = padded[window][lower], index[window][lower]
-    bottom = next_point.ravel()
-    while not np.array_equal(bottom[bottom], bottom):
-        bottom = bottom[bottom]
-    return bottom
+    kept = order[value[found[order]] >= value.max() - MODE_NATS]
+    return Modes(image.place(mean)[kept], weight[kept] / weight[kept].sum())

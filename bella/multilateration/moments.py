@@ -6,6 +6,7 @@ import numpy as np
 
 from bella.multilateration.cells import Cells
 from bella.multilateration.likelihood import IntArray, Problems, log_constant
+from bella.multilateration.priors import Priors
 from bella.units import FloatArray
 
 
@@ -27,9 +28,11 @@ class Moments:
     above_c : ndarray, shape (B,)
         Probability that the speed is above that of light.
     prior_pull : ndarray, shape (B, D)
-        How far the prior moves the mean, to first order in its precision, solar radii.
+        How far the prior moves the mean, to first order, solar radii.
     bad_probability : ndarray, shape (B, n)
         Probability that an arrival time is bad; 0 where the noise is Gaussian.
+    kappa, kappa_sd : ndarray, shape (B,)
+        Of the directional delay, in half widths of the rise.
     """
 
     mean: FloatArray
@@ -42,6 +45,8 @@ class Moments:
     above_c: FloatArray
     prior_pull: FloatArray
     bad_probability: FloatArray
+    kappa: FloatArray
+    kappa_sd: FloatArray
 
 
 def summed(values: FloatArray, owner: IntArray, count: int) -> FloatArray:
@@ -94,10 +99,14 @@ def moments_of(problems: Problems, cells: Cells) -> Moments:
         return _mean((values - _mean(values)[owner]) ** 2 + within)
 
     here = problems.at(owner)
+    kappa, kappa_variance = local.kappa_given(speed.u), local.kappa_slope**2 * speed.u_variance + local.kappa_sd**2
     emission = here.mean_arrival_s - problems.mean_arrival_s[0, owner] - local.mean_distance * speed.u
-    emission_variance = _spread(emission, local.mean_distance**2 * speed.u_variance + 1 / here.total_weight)
+    emission = emission - local.mean_delay_s * kappa
+    with_slowness = local.mean_distance + local.kappa_slope * local.mean_delay_s
+    within = with_slowness**2 * speed.u_variance + (local.mean_delay_s * local.kappa_sd) ** 2 + 1 / here.total_weight
+    emission_variance = _spread(emission, within)
     share = joint.sum(axis=0)
-    position, covariance, prior_pull = _position_moments(share, cells, count, problems.priors.tau_rsun)
+    position, covariance, prior_pull = _position_moments(share, cells, count, problems.priors)
     return Moments(
         mean=position,
         covariance=covariance,
@@ -109,21 +118,23 @@ def moments_of(problems: Problems, cells: Cells) -> Moments:
         above_c=_mean(speed.above_c),
         prior_pull=prior_pull,
         bad_probability=np.stack([summed(one, owner, count) for one in joint], axis=1) @ problems.bad,
+        kappa=_mean(kappa),
+        kappa_sd=np.sqrt(_spread(kappa, kappa_variance)),
     )
 
 
 def _position_moments(
-    share: FloatArray, cells: Cells, count: int, tau_rsun: float
+    share: FloatArray, cells: Cells, count: int, priors: Priors
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Mean, covariance, and the change of the mean with the precision 1/tau^2 of the prior, times that precision.
+    """Mean, covariance, and the change of the mean with the power to which the prior is raised, at the power of one.
 
-    The last is -Cov(x, x^2) / (2 tau^2), an identity of exponential families; for a Gaussian -Cov(x) mean / tau^2.
+    The last is the covariance of position and log prior, an identity of exponential families.
     """
     centres = cells.centres
     mean = np.stack([summed(share * axis, cells.owner, count) for axis in centres], axis=1)
     deviation = centres - mean.T[:, cells.owner]
     weighted = share * deviation
     covariance = [[summed(a * b, cells.owner, count) for b in deviation] for a in weighted]
-    radius = (centres**2).sum(axis=0)
-    pull = np.stack([summed(a * radius, cells.owner, count) for a in weighted], axis=1)
-    return mean, np.moveaxis(np.array(covariance), -1, 0), -0.5 * pull / tau_rsun**2
+    log_prior = priors.log_position((centres**2).sum(axis=0))
+    pull = np.stack([summed(a * log_prior, cells.owner, count) for a in weighted], axis=1)
+    return mean, np.moveaxis(np.array(covariance), -1, 0), pull

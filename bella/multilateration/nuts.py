@@ -1,8 +1,8 @@
 """The same model sampled with PyMC: the reference that the exact posterior is held against.
 
 The model is that of Canizares et al. (2024, A&A, doi:10.1051/0004-6361/202347747) in solar radii and seconds, in which
-the sampler's unit scale is a good start; in metres it does not converge. Delays and offsets are parameters here, where
-the exact posterior has integrated them out. PyMC is imported when a model is built.
+the sampler's unit scale is a good start; in metres it does not converge. Emission time, speed and directional delay are
+parameters here, where the exact posterior has integrated them out. PyMC is imported when a model is built.
 """
 
 import warnings
@@ -16,6 +16,7 @@ import numpy as np
 
 from bella.arrivals import ArrivalGrid
 from bella.exceptions import ConvergenceError
+from bella.heliosphere.scattering import DirectionalDelay
 from bella.multilateration.draws import Draws
 from bella.multilateration.moments import Moments
 from bella.multilateration.predictive import predicted_arrivals
@@ -26,11 +27,12 @@ from bella.multilateration.summary import AXES, Posterior
 from bella.units import C_RSUN_S, FloatArray
 
 CHAINS = 4
-SCATTERED = ("x_scaled", "y_scaled", "z_scaled", "v_scaled", "delay_scaled", "offset_scaled")
-"""Where the chains start apart, by one prior standard deviation. The sampler refuses to start where a gradient is zero,
-as it is for a delay that is known to be none, so delays and offsets are among them. Scattered over its prior as well,
-the emission time starts so far off that a chain can end with a negative speed, from where it does not come back."""
+SCATTERED = ("x_scaled", "y_scaled", "z_scaled", "v_scaled", "kappa_scaled")
+"""Where the chains start apart, by one prior standard deviation. The sampler refuses to start where a gradient is zero.
+Scattered over its prior as well, the emission time starts so far off that a chain can end with a negative speed, from
+where it does not come back."""
 TUNE = 1000
+GAUSSIAN_POWER = 2.0
 LARGEST_RHAT = 1.05
 MIN_EFFECTIVE = 100
 
@@ -62,7 +64,7 @@ def nuts_posterior(grid: ArrivalGrid, recipe: Recipe, advance: Callable[[int], N
         advance(1)
     draws = Draws(*(np.stack([getattr(part, name) for part in parts]) for name in Draws.__dataclass_fields__))
     bad = _bad_probability(grid, draws, recipe.preset.noise)
-    return Posterior(draws, _moments(draws, recipe.preset.priors.tau_rsun, bad), _regions(draws))
+    return Posterior(draws, _moments(draws, recipe.preset.priors, bad), _regions(draws))
 
 
 def sample_frequency(grid: ArrivalGrid, row: int, recipe: Recipe) -> Draws:
@@ -92,14 +94,17 @@ def sample_frequency(grid: ArrivalGrid, row: int, recipe: Recipe) -> Draws:
         dimensions=recipe.dimensions,
         priors=recipe.preset.priors,
         noise=recipe.preset.noise,
-        nuisances=bool(max(grid.delay_sd_s[row, heard].max(), grid.offset_sd_s[row, heard].max()) > 0),
+        delay=recipe.preset.delay,
     )
     offset = float(grid.arrival_s[row, heard].mean())
     trace = _run(_compiled(shape).with_data(**_inputs(grid, row, heard, offset, shape)), recipe, row)
     names = parameters(recipe.dimensions)
     effective = _effective(trace, float(grid.frequency_mhz[row]), names)
     *position, emission, v = (trace.posterior[name].to_numpy().ravel()[-recipe.draws :] for name in names)
-    return Draws(np.stack(position, axis=-1), emission + offset, v, np.asarray(effective))
+    kappa = np.full_like(v, shape.delay.kappa)
+    if shape.delay.kappa_sd:
+        kappa = trace.posterior["kappa"].to_numpy().ravel()[-recipe.draws :]
+    return Draws(np.stack(position, axis=-1), emission + offset, v, kappa, np.asarray(effective))
 
 
 @dataclass(frozen=True)
@@ -111,25 +116,27 @@ class ModelShape:
     receivers, dimensions : int
     priors : Priors
     noise : Noise
-    nuisances : bool
-        Whether delays or offsets are uncertain.
+    delay : DirectionalDelay
     """
 
     receivers: int
     dimensions: int
     priors: Priors
     noise: Noise
-    nuisances: bool
+    delay: DirectionalDelay
 
 
 def _inputs(grid: ArrivalGrid, row: int, heard: Any, offset: float, shape: ModelShape) -> dict[str, FloatArray]:
+    stated = grid.covariances_s2()[row][np.ix_(heard, heard)]
+    sets = shape.noise.bad_sets(shape.receivers)
+    root = np.linalg.cholesky(stated + sets[:, :, None] * shape.noise.bad_sd_s**2 * np.eye(shape.receivers))
     inputs = {
         "receiver_rsun": grid.receiver_rsun[row, heard],
         "arrival_s": (grid.arrival_s - grid.delay_s)[row, heard] - offset,
-        "sigma_s": grid.sigma_s[row, heard],
+        "whitening": np.linalg.inv(root),
     }
-    if shape.nuisances:
-        inputs |= {name: getattr(grid, name)[row, heard] for name in ("delay_sd_s", "offset_sd_s")}
+    if shape.delay.is_free:
+        inputs["rise_s"] = grid.rise_s[row, heard]
     return inputs
 
 
@@ -152,22 +159,31 @@ def build_model(shape: ModelShape) -> Any:
     Returns
     -------
     pymc.Model
-        Data ``receiver_rsun`` (n, 3), ``arrival_s`` (n,) with known delays taken off, ``sigma_s`` (n,) and, with
-        nuisances, ``delay_sd_s`` and ``offset_sd_s`` (n,).
+        Data ``receiver_rsun`` (n, 3), ``arrival_s`` (n,) with known delays taken off, ``rise_s`` (n,), and
+        ``whitening`` (K, n, n): the inverse Cholesky factor of the covariance of each component of the noise.
     """
-    pm, priors = _library("pymc"), shape.priors
+    pm, priors, delay = _library("pymc"), shape.priors, shape.delay
     with pm.Model() as model:
         receiver = pm.Data("receiver_rsun", np.eye(shape.receivers, 3) * 200.0)
         arrival = pm.Data("arrival_s", np.zeros(shape.receivers))
-        sigma = pm.Data("sigma_s", np.ones(shape.receivers))
+        sets = shape.noise.bad_sets(shape.receivers)
+        whitening = pm.Data("whitening", np.broadcast_to(np.eye(shape.receivers), (len(sets), *2 * [shape.receivers])))
         v = pm.Deterministic("v_over_c", 1.0 + priors.v_sd_c * _speed_scaled(pm, priors))
         half_width = priors.emission_half_width_s
         emission = pm.Uniform("emission_s", -half_width, half_width, initval=-500.0)
-        expected = emission + _distance(pm, shape, receiver) / (v * C_RSUN_S) + _nuisance(pm, shape)
-        if shape.noise.bad_probability:
-            pm.Potential("arrival", _log_mixture(pm, shape, arrival - expected, sigma))
-        else:
-            pm.Normal("arrival", expected, sigma, observed=arrival)
+        source = _source(pm, shape)
+        towards = [receiver[:, i] - source[i] for i in range(3)]
+        distance = pm.math.sqrt(sum(axis**2 for axis in towards))
+        expected = emission + distance / (v * C_RSUN_S)
+        kappa = delay.kappa
+        if delay.kappa_sd:
+            kappa = pm.Deterministic("kappa", delay.kappa + delay.kappa_sd * pm.Normal("kappa_scaled"))
+        if delay.is_free:
+            rise = pm.Data("rise_s", np.ones(shape.receivers))
+            radius = pm.math.sqrt(sum(axis**2 for axis in source))
+            cosine = sum(source[i] * towards[i] for i in range(3)) / (radius * distance)
+            expected = expected + kappa * rise * (1 - cosine)
+        pm.Potential("arrival", _log_mixture(pm, shape, arrival - expected, whitening))
     return model
 
 
@@ -177,32 +193,31 @@ def _speed_scaled(pm: Any, priors: Priors) -> Any:
     return pm.Truncated("v_scaled", pm.Normal.dist(), upper=(priors.v_max_c - 1) / priors.v_sd_c)
 
 
-def _distance(pm: Any, shape: ModelShape, receiver: Any) -> Any:
-    """Distance of the source from each receiver; the source is at z = 0 where it has no third coordinate."""
-    tau = shape.priors.tau_rsun
-    axes = [pm.Deterministic(f"{axis}_rsun", tau * pm.Normal(f"{axis}_scaled")) for axis in AXES[: shape.dimensions]]
-    source = [*axes, *[0.0] * (3 - shape.dimensions)]
-    return pm.math.sqrt(sum((source[i] - receiver[:, i]) ** 2 for i in range(3)))
+def _source(pm: Any, shape: ModelShape) -> list[Any]:
+    """Coordinates of the source, which is at z = 0 where it has no third one."""
+    priors, names = shape.priors, AXES[: shape.dimensions]
+    if priors.power == GAUSSIAN_POWER:
+        scaled = [pm.Normal(f"{axis}_scaled") for axis in names]
+    else:
+        scaled = [pm.Flat(f"{axis}_scaled", initval=0.3) for axis in names]
+        pm.Potential("position_prior", -0.5 * sum(axis**2 for axis in scaled) ** (0.5 * priors.power))
+    axes = [pm.Deterministic(f"{name}_rsun", priors.tau_rsun * axis) for name, axis in zip(names, scaled, strict=True)]
+    return [*axes, *[0.0] * (3 - shape.dimensions)]
 
 
-def _nuisance(pm: Any, shape: ModelShape) -> Any:
-    """Uncertain delay and offset of each arrival time."""
-    if not shape.nuisances:
-        return 0.0
-    terms = []
-    for name in ("delay", "offset"):
-        sd = pm.Data(f"{name}_sd_s", np.zeros(shape.receivers))
-        terms.append(sd * pm.Normal(f"{name}_scaled", shape=shape.receivers))
-    return sum(terms)
-
-
-def _log_mixture(pm: Any, shape: ModelShape, residual: Any, sigma: Any) -> Any:
+def _log_mixture(pm: Any, shape: ModelShape, residual: Any, whitening: Any) -> Any:
     """Log likelihood summed over the sets of bad arrival times that are possible."""
     sets = shape.noise.bad_sets(shape.receivers)
+    components = []
+    for k in range(len(sets)):
+        white = pm.math.dot(whitening[k], residual)
+        log_norm = sum(pm.math.log(whitening[k, i, i]) for i in range(shape.receivers))
+        components.append(log_norm - 0.5 * (white**2).sum())
+    if len(sets) == 1:
+        return components[0]
     odds = np.log(shape.noise.bad_probability / (1 - shape.noise.bad_probability)) * sets.sum(axis=1)
-    sd = pm.math.sqrt(sigma[None, :] ** 2 + sets * shape.noise.bad_sd_s**2)
-    each = -0.5 * (residual[None, :] / sd) ** 2 - pm.math.log(sd)
-    return pm.math.logsumexp(each.sum(axis=1) + odds - np.logaddexp.reduce(odds))
+    log_prior = odds - np.logaddexp.reduce(odds)
+    return pm.math.logsumexp(pm.math.stack([one + log_prior[k] for k, one in enumerate(components)]))
 
 
 def _run(model: Any, recipe: Recipe, row: int) -> Any:
@@ -239,10 +254,10 @@ def _library(name: str) -> Any:
         return import_module(name)
 
 
-def _moments(draws: Draws, tau_rsun: float, bad_probability: FloatArray) -> Moments:
+def _moments(draws: Draws, priors: Priors, bad_probability: FloatArray) -> Moments:
     covariance = np.stack([np.cov(some.T) for some in draws.position])
-    radius = (draws.position**2).sum(axis=2)
-    pull = [np.cov(some.T, of_it)[:-1, -1] for some, of_it in zip(draws.position, radius, strict=True)]
+    log_prior = priors.log_position((draws.position**2).sum(axis=2))
+    pull = [np.cov(some.T, of_it)[:-1, -1] for some, of_it in zip(draws.position, log_prior, strict=True)]
     return Moments(
         mean=draws.position.mean(axis=1),
         covariance=covariance,
@@ -252,8 +267,10 @@ def _moments(draws: Draws, tau_rsun: float, bad_probability: FloatArray) -> Mome
         v_over_c_sd=draws.v_over_c.std(axis=1),
         log_evidence=np.full(len(covariance), np.nan),
         above_c=(draws.v_over_c > 1).mean(axis=1),
-        prior_pull=-0.5 * np.stack(pull) / tau_rsun**2,
+        prior_pull=np.stack(pull),
         bad_probability=bad_probability,
+        kappa=draws.kappa.mean(axis=1),
+        kappa_sd=draws.kappa.std(axis=1),
     )
 
 
@@ -262,14 +279,16 @@ def _bad_probability(grid: ArrivalGrid, draws: Draws, noise: Noise) -> FloatArra
     sets = noise.bad_sets(len(grid.observatories))
     if len(sets) == 1:
         return np.zeros_like(grid.arrival_s)
-    predicted = predicted_arrivals(grid, draws.position, draws.emission_s, draws.v_over_c)
-    residual = (grid.arrival_s - grid.delay_s)[:, None] - predicted
-    stated = grid.sigma_s**2 + grid.delay_sd_s**2 + grid.offset_sd_s**2
-    variance = stated[:, None, :] + sets * noise.bad_sd_s**2
-    each = -0.5 * (residual[:, :, None, :] ** 2 / variance[:, None] + np.log(variance)[:, None])
+    heard = np.isfinite(grid.arrival_s)
+    covariance = grid.covariances_s2()
+    stated = np.where(np.isfinite(covariance), covariance, np.eye(heard.shape[1]))[:, None]
+    extra = (sets & heard[:, None, :])[..., None] * noise.bad_sd_s**2 * np.eye(heard.shape[1])
+    residual = np.nan_to_num((grid.arrival_s - grid.delay_s)[:, None] - predicted_arrivals(grid, draws))
+    square = np.einsum("fdi,fkij,fdj->fdk", residual, np.linalg.inv(stated + extra), residual, optimize=True)
     odds = np.log(noise.bad_probability / (1 - noise.bad_probability)) * sets.sum(axis=1)
-    absent = (sets & ~np.isfinite(grid.arrival_s)[:, None, :]).any(axis=2)
-    log_weight = np.nansum(each, axis=3) + np.where(absent, -np.inf, odds)[:, None]
+    absent = (sets & ~heard[:, None, :]).any(axis=2)
+    log_weight = -0.5 * (square + np.linalg.slogdet(stated + extra)[1][:, None])
+    log_weight = log_weight + np.where(absent, -np.inf, odds)[:, None]
     share = np.exp(log_weight - np.logaddexp.reduce(log_weight, axis=2)[..., None])
     return np.asarray(share.mean(axis=1) @ sets)
 

@@ -12,6 +12,7 @@ import numpy as np
 from scipy.special import chdtrc, ndtr
 
 from bella.arrivals import ArrivalGrid
+from bella.heliosphere.scattering import one_minus_cosine
 from bella.multilateration.draws import Draws
 from bella.units import C_RSUN_S, FloatArray
 
@@ -61,21 +62,23 @@ def predictive_check(grid: ArrivalGrid, draws: Draws, bad_probability: FloatArra
     return Predictive(*(np.concatenate([getattr(one, name) for one in parts]) for name in Predictive.__annotations__))
 
 
-def _thinned(draws: Draws, some: slice) -> tuple[FloatArray, FloatArray, FloatArray]:
+def _thinned(draws: Draws, some: slice) -> Draws:
     step = max(1, draws.position.shape[1] // DRAWS_USED)
-    return draws.position[some, ::step], draws.emission_s[some, ::step], draws.v_over_c[some, ::step]
+    thin = {name: getattr(draws, name)[some, ::step] for name in ("position", "emission_s", "v_over_c", "kappa")}
+    return Draws(**thin, effective=draws.effective[some])
 
 
-def _checked(
-    grid: ArrivalGrid, draws: tuple[FloatArray, FloatArray, FloatArray], bad_probability: FloatArray
-) -> Predictive:
-    residual = grid.arrival_s[:, None] - grid.delay_s[:, None] - predicted_arrivals(grid, *draws)
-    variance = grid.sigma_s**2 + grid.delay_sd_s**2 + grid.offset_sd_s**2
-    deviation = residual / np.sqrt(variance)[:, None]
+def _checked(grid: ArrivalGrid, draws: Draws, bad_probability: FloatArray) -> Predictive:
+    residual = grid.arrival_s[:, None] - grid.delay_s[:, None] - predicted_arrivals(grid, draws)
+    covariance = grid.covariances_s2()
+    deviation = residual / np.sqrt(np.einsum("fii->fi", covariance))[:, None]
     heard = np.isfinite(grid.arrival_s)
-    discrepancy = np.nansum(deviation**2, axis=2)
+    precision = np.linalg.inv(np.where(np.isfinite(covariance), covariance, np.eye(heard.shape[1])))
+    known = np.where(heard[:, None], residual, 0.0)
+    discrepancy = np.einsum("fdi,fij,fdj->fd", known, precision, known, optimize=True)
+    weight = (1 - bad_probability) * np.einsum("fij,fj->fi", precision, heard.astype(np.float64))
     return Predictive(
-        residual_s=_without_emission(residual, (1 - bad_probability) / variance).mean(axis=1),
+        residual_s=_without_emission(residual, weight).mean(axis=1),
         receiver_p=2 * ndtr(-np.abs(deviation)).mean(axis=1),
         burst_p=chdtrc(heard.sum(axis=1)[:, None], discrepancy).mean(axis=1),
     )
@@ -88,26 +91,25 @@ def _without_emission(residual: FloatArray, weight: FloatArray) -> FloatArray:
     return np.asarray(residual - common[..., None])
 
 
-def predicted_arrivals(
-    grid: ArrivalGrid, position: FloatArray, emission_s: FloatArray, v_over_c: FloatArray
-) -> FloatArray:
-    """Arrival times that draws predict, without delays beyond light travel.
+def predicted_arrivals(grid: ArrivalGrid, draws: Draws) -> FloatArray:
+    """Arrival times that draws predict, without the known delays of the grid.
 
     Parameters
     ----------
     grid : ArrivalGrid
-    position : ndarray, shape (F, N, D)
-        Solar radii.
-    emission_s : ndarray, shape (F, N)
-        After the reference time of the grid, s.
-    v_over_c : ndarray, shape (F, N)
+    draws : Draws
+        One problem per frequency of the grid, of N draws.
 
     Returns
     -------
     ndarray, shape (F, N, n)
         After the reference time of the grid, s; NaN where a receiver is missing.
     """
-    dimensions = position.shape[2]
-    offset = position[:, :, None, :] - grid.receiver_rsun[:, None, :, :dimensions]
-    squared = (offset**2).sum(axis=-1) + (grid.receiver_rsun[:, None, :, dimensions:] ** 2).sum(axis=-1)
-    return np.asarray(emission_s[..., None] + np.sqrt(squared) / (v_over_c[..., None] * C_RSUN_S))
+    source = np.pad(draws.position.astype(np.float64), ((0, 0), (0, 0), (0, 3 - draws.position.shape[2])))[:, :, None]
+    receivers = grid.receiver_rsun[:, None]
+    travel_s = np.linalg.norm(source - receivers, axis=-1) / (draws.v_over_c[..., None] * C_RSUN_S)
+    predicted = draws.emission_s[..., None] + travel_s
+    if draws.kappa.any():
+        late = grid.rise_s[:, None] * one_minus_cosine(source, receivers)
+        predicted = predicted + draws.kappa[..., None] * late
+    return np.asarray(predicted)

@@ -6,17 +6,25 @@ from typing import Literal
 
 import numpy as np
 import numpy.typing as npt
-from scipy.special import log_ndtr
+from scipy.special import gammaln, log_ndtr
 from scipy.stats import truncnorm
 
 from bella.arrivals import ArrivalGrid
 from bella.exceptions import InputError
+from bella.heliosphere.scattering import LITERATURE_DELAY, NO_DELAY, DirectionalDelay
 from bella.units import AU_RSUN, C_RSUN_S, FloatArray
 
 SigmaRule = Literal["table", "cadence", "constant"]
 
 CADENCE_S = {"WIND": 60.0, "STEREO-A": 38.05, "STEREO-B": 38.05}
 """Cadences used as timing error by Canizares et al. (2024), Sect. 2, s."""
+
+PAPER_TAU_RSUN = 1.5 * AU_RSUN / 4
+"""Width of the position prior of Canizares et al. (2024): a quarter of 1.5 au, 80.6 solar radii."""
+BROAD_TAU_RSUN, BROAD_POWER = 300.0, 4.0
+"""The default position prior, exp(-(r / 300)^4 / 2): flat to some 200 solar radii, 0.8 of its height at 250, and 0.02
+at 500. Type III sources are seen from the corona to somewhat beyond the orbit of the Earth at 215, where the plasma
+frequency of the solar wind is about 20 kHz, the lowest that receivers hear."""
 
 MOST_BAD = 2
 """Most arrival times of one frequency that may be bad together."""
@@ -29,7 +37,10 @@ class Priors:
     Attributes
     ----------
     tau_rsun : float
-        Standard deviation of each coordinate of the source, centred on the Sun, solar radii.
+        Width of the prior of the position, centred on the Sun, solar radii.
+    power : float
+        The prior of the position is exp(-(r / tau)^power / 2) at a distance r: 2 for a Gaussian, and for more a plain
+        that ends near tau.
     v_sd_c : float
         Standard deviation of the propagation speed around c, in units of c.
     v_max_c : float
@@ -38,10 +49,27 @@ class Priors:
         The emission time is uniform within this of the reference time, s.
     """
 
-    tau_rsun: float = 1.5 * AU_RSUN / 4
+    tau_rsun: float = PAPER_TAU_RSUN
+    power: float = 2.0
     v_sd_c: float = 0.001
     v_max_c: float = float("inf")
     emission_half_width_s: float = 86_400.0
+
+    def log_position(self, squared_rsun2: FloatArray) -> FloatArray:
+        """Log density of the position at a squared distance from the Sun, less its value at the Sun."""
+        return np.asarray(-0.5 * (squared_rsun2 / self.tau_rsun**2) ** (0.5 * self.power))
+
+    def position_sd_rsun(self, dimensions: int) -> float:
+        """Standard deviation of each coordinate of the source, solar radii."""
+        # r^power is a gamma variate: <r^2> = tau^2 2^(2/p) Gamma((D + 2)/p) / Gamma(D/p)
+        log_square = gammaln((dimensions + 2) / self.power) - gammaln(dimensions / self.power)
+        return float(self.tau_rsun * np.sqrt(np.exp(log_square) * 2 ** (2 / self.power) / dimensions))
+
+    def log_volume(self, dimensions: int) -> float:
+        """Logarithm of the integral of the density over space, whose value at the Sun is one."""
+        of_sphere = np.log(2) + 0.5 * dimensions * np.log(np.pi) - gammaln(0.5 * dimensions)
+        radial = gammaln(dimensions / self.power) + dimensions / self.power * np.log(2) - np.log(self.power)
+        return float(of_sphere + radial + dimensions * np.log(self.tau_rsun))
 
     @property
     def slowness_mean(self) -> float:
@@ -121,6 +149,7 @@ class Preset:
     sigma_s : float
         Used by the rule "constant", s.
     noise : Noise
+    delay : DirectionalDelay
     """
 
     name: str
@@ -128,6 +157,7 @@ class Preset:
     sigma_rule: SigmaRule
     sigma_s: float = float("nan")
     noise: Noise = Noise()
+    delay: DirectionalDelay = NO_DELAY
 
     @property
     def rule(self) -> str:
@@ -137,21 +167,25 @@ class Preset:
         return {"table": "sigma_s of the arrival table", "cadence": "cadence of each receiver"}[self.sigma_rule]
 
 
+BROAD = Priors(BROAD_TAU_RSUN, BROAD_POWER)
+BROAD_FREE_SPEED = replace(BROAD, v_sd_c=0.1)
+
 PRESETS = {
     preset.name: preset
     for preset in (
-        Preset("default", Priors(), "table"),
+        Preset("default", BROAD, "table", delay=LITERATURE_DELAY),
         Preset("paper", Priors(v_sd_c=0.1), "cadence"),
         Preset("bella-2024", Priors(), "constant", sigma_s=30.0),
-        Preset("free-speed", Priors(v_sd_c=0.1), "table"),
-        Preset("subluminal", Priors(v_sd_c=0.1, v_max_c=1.0), "table"),
-        Preset("robust", Priors(), "table", noise=Noise(bad_probability=0.05)),
+        Preset("free-speed", BROAD_FREE_SPEED, "table", delay=LITERATURE_DELAY),
+        Preset("subluminal", replace(BROAD_FREE_SPEED, v_max_c=1.0), "table", delay=LITERATURE_DELAY),
+        Preset("robust", BROAD, "table", noise=Noise(bad_probability=0.05), delay=LITERATURE_DELAY),
     )
 }
-"""``default``: timing errors as measured. ``paper``: what Canizares et al. (2024) say. ``bella-2024``: what the code
-published with that paper does (half of the 60 s cadence for all receivers, speed held to 0.001 c). With the timing
-errors of the table as well: ``free-speed`` leaves the speed 0.1 c, ``subluminal`` does so below c only, and ``robust``
-allows for bad arrival times: it names one among five, and knows that there is one among four, but not always which."""
+"""``default``: timing errors as measured, sources anywhere to beyond 1 au, and a directional delay. ``paper``: what
+Canizares et al. (2024) say. ``bella-2024``: what the code published with that paper does (half of the 60 s cadence for
+all receivers, speed held to 0.001 c). With the timing errors of the table as well: ``free-speed`` leaves the speed
+0.1 c, ``subluminal`` does so below c only, and ``robust`` allows for bad arrival times: it names one among five, and
+knows that there is one among four, but not always which."""
 
 
 def find_preset(name: str) -> Preset:
@@ -168,7 +202,7 @@ def find_preset(name: str) -> Preset:
 
 
 def apply_sigma_rule(grid: ArrivalGrid, preset: Preset) -> ArrivalGrid:
-    """Replace the timing errors of a grid as a preset says; what is missing stays missing.
+    """Replace the timing errors of a grid as a preset says; what is missing stays missing, offsets and delays stay.
 
     Parameters
     ----------
@@ -187,7 +221,8 @@ def apply_sigma_rule(grid: ArrivalGrid, preset: Preset) -> ArrivalGrid:
     if preset.sigma_rule == "table":
         return grid
     sigma_s = np.broadcast_to(_sigma_per_receiver(grid.observatories, preset), grid.sigma_s.shape)
-    return replace(grid, sigma_s=np.where(np.isfinite(grid.sigma_s), sigma_s, np.nan))
+    sigma_s = np.where(np.isfinite(grid.sigma_s), sigma_s, np.nan)
+    return replace(grid, sigma_s=sigma_s, shape_sd_s=np.zeros_like(grid.shape_sd_s), measured_s2=None)
 
 
 def _sigma_per_receiver(observatories: tuple[str, ...], preset: Preset) -> FloatArray:

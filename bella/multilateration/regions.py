@@ -1,4 +1,4 @@
-"""Highest-density credible regions of a position: area, volume, outline, highest point and modes.
+"""Highest-density credible regions of a position: area, volume, outline and highest point.
 
 A source in the ecliptic plane has regions in the plane. One in space has regions in space, of which the volume is
 given; their area and outline are those of the regions of (x, y), whatever z is.
@@ -11,15 +11,18 @@ import numpy as np
 from scipy import stats
 
 from bella.multilateration.cells import Cells, mixed
-from bella.multilateration.likelihood import IntArray, Problems, evaluate
+from bella.multilateration.likelihood import IntArray, Problems, blocks, density, evaluate
 from bella.multilateration.modes import Image, Modes, find_modes, highest
 from bella.multilateration.moments import normalised, summed
-from bella.multilateration.speed import log_speed_factor
+from bella.multilateration.speed import log_speed_factor, speed_prior_is_gaussian
 from bella.units import FloatArray
 
 LEVELS = (0.68, 0.95)
 FINER = 4
-"""Each cell is divided this many times along x and y before regions are measured."""
+"""Each cell is divided this many times, at most, along x and y before regions are measured."""
+POINTS, PIXELS = 8_000, 40_000
+"""Points of a posterior, and of the square image around it, from which on its cells are divided less: a long ridge has
+many cells, and the errors that its border makes in the area average out."""
 RELEVANT_NATS = 6.0
 """Cells this far below the best are not divided: a Gaussian has its 95 % region within 3 nats in the plane, 4 in space.
 What they hold counts in full."""
@@ -29,8 +32,6 @@ MODE_BANDWIDTH = 0.5
 """Kernel width, in standard deviations, with which modes are counted among draws."""
 HIGHEST_CONTOUR = 0.99
 """Share of the highest density above which no contour is drawn: at the very top there is none to draw."""
-BLOCK = 250_000
-"""Points whose density is evaluated at once."""
 
 
 @dataclass(frozen=True)
@@ -82,6 +83,8 @@ def log_density(problems: Problems, points: FloatArray) -> FloatArray:
     -------
     ndarray, shape S
     """
+    if speed_prior_is_gaussian(problems.priors):
+        return mixed(density(problems, points)[0])
     local = evaluate(problems, points)
     return mixed(local.log_density + log_speed_factor(local, problems.priors))
 
@@ -100,38 +103,39 @@ def regions_of(problems: Problems, cells: Cells) -> list[Region]:
         One per problem.
     """
     coarse = mixed(cells.log_density)
-    best = np.maximum.reduceat(coarse, np.searchsorted(cells.owner, np.arange(problems.count)))
-    relevant = coarse > best[cells.owner] - RELEVANT_NATS
+    first = np.searchsorted(cells.owner, np.arange(problems.count))
+    relevant = coarse > np.maximum.reduceat(coarse, first)[cells.owner] - RELEVANT_NATS
     share, _ = normalised(coarse[None], cells.owner, problems.count)
     held = summed(share[0] * relevant, cells.owner, problems.count)
-    index = _divided(cells.index[:, relevant])
-    owner = np.repeat(cells.owner[relevant], FINER**2)
-    pitch = cells.side[:, None] / _finer(problems.dimensions)
-    density = _in_blocks(problems, cells.origin + (index + 0.5) * pitch[owner].T, owner)
-    cuts = np.searchsorted(owner, np.arange(problems.count + 1))
-    parts = [slice(cuts[b], cuts[b + 1]) for b in range(problems.count)]
+    index, owner = cells.index[:, relevant], cells.owner[relevant]
+    finer = _finer(index, np.searchsorted(owner, np.arange(problems.count)))
+    parts = [_divided(index[:, owner == b], finer[b]) for b in range(problems.count)]
+    pitch = np.tile(cells.side[:, None], (1, problems.dimensions))
+    pitch[:, :2] /= finer[:, None]
+    cuts = np.cumsum([0] + [part.shape[1] for part in parts])
+    owner, index = np.repeat(np.arange(problems.count), np.diff(cuts)), np.concatenate(parts, axis=1)
+    points = cells.origin + (index + 0.5) * pitch[owner].T
+    fine = np.concatenate([log_density(problems.at(one), points[:, part]) for part, one in blocks(owner)])
+    some = [slice(cuts[b], cuts[b + 1]) for b in range(problems.count)]
     return [
-        _region(_image(index[:, part], density[part], cells.origin, pitch[b]), density[part], held[b])
-        for b, part in enumerate(parts)
+        _region(Image.of(index[:, part], fine[part], cells.origin, pitch[b]), fine[part], held[b])
+        for b, part in enumerate(some)
     ]
 
 
-def _finer(dimensions: int) -> FloatArray:
-    return np.array([FINER, FINER, 1.0][:dimensions])
+def _finer(index: IntArray, first: IntArray) -> IntArray:
+    """In how many parts along x and y the cells of each problem are divided, shape (B,)."""
+    extent = [np.maximum.reduceat(axis, first) - np.minimum.reduceat(axis, first) + 3 for axis in index]
+    cells = np.diff(first, append=index.shape[1])
+    fewest = np.minimum(POINTS / cells, PIXELS / np.prod(extent, axis=0))
+    return np.asarray(np.clip(np.sqrt(fewest), 1, FINER).astype(np.intp))
 
 
-def _divided(index: IntArray) -> IntArray:
+def _divided(index: IntArray, finer: int) -> IntArray:
     """Cells divided along x and y: that is where outlines are drawn; along z the cells are fine enough."""
-    corner = np.indices([FINER, FINER, 1][: len(index)]).reshape(len(index), -1)
-    factor = _finer(len(index)).astype(np.intp)[:, None, None]
-    return (factor * index[:, :, None] + corner[:, None, :]).reshape(len(index), -1)
-
-
-def _in_blocks(problems: Problems, points: FloatArray, owner: IntArray) -> FloatArray:
-    """Log density at many points, taken in blocks so that memory stays bounded."""
-    step = max(1, BLOCK // problems.components)
-    blocks = [slice(first, first + step) for first in range(0, owner.size, step)]
-    return np.concatenate([log_density(problems.at(owner[some]), points[:, some]) for some in blocks])
+    corner = np.indices([finer, finer, 1][: len(index)]).reshape(len(index), -1)
+    factor = np.array([finer, finer, 1][: len(index)])[:, None, None]
+    return np.asarray((factor * index[:, :, None] + corner[:, None, :]).reshape(len(index), -1))
 
 
 def region_of_draws(positions: FloatArray) -> Region:
@@ -165,14 +169,6 @@ def _kernel_image(positions: FloatArray, bandwidth: float) -> Image:
     points = corner[:, None] + np.indices(shape).reshape(dimensions, -1) * pitch[:, None]
     kernel = stats.gaussian_kde(shrunk.T, bw_method=bandwidth)
     return Image(kernel.logpdf(points).reshape(shape), corner, pitch)
-
-
-def _image(index: IntArray, density: FloatArray, origin: float, pitch: FloatArray) -> Image:
-    low = index.min(axis=1) - 1
-    shape = index.max(axis=1) - low + 2
-    lattice = np.full(shape, -np.inf)
-    lattice[tuple(index - low[:, None])] = density
-    return Image(lattice, origin + (low + 0.5) * pitch, pitch)
 
 
 def _region(image: Image, density: FloatArray, held: float = 1.0) -> Region:

@@ -9,6 +9,7 @@ import xarray as xr
 import bella
 from bella.arrivals import ArrivalGrid
 from bella.flags import APPARENT_SOURCE
+from bella.multilateration.clocks import check_clocks
 from bella.multilateration.draws import Draws
 from bella.multilateration.flags import flags_of
 from bella.multilateration.priors import Preset
@@ -45,7 +46,7 @@ def solution_dataset(grid: ArrivalGrid, posterior: Posterior, recipe: Recipe) ->
         Draws (frequency, draw, parameter) and, for each frequency, mean, covariance, mode, areas and outlines of the
         68 and 95 % regions, contractions, evidence, flags, and the arrival times they came from.
     """
-    of_receiver, predictive_p = of_receivers(grid, posterior)
+    of_receiver, predictive_p = of_receivers(grid, posterior, recipe.preset)
     summary = summarise(grid, posterior, recipe.preset) | {"predictive_p": predictive_p}
     dataset = xr.Dataset(
         _named("frequency", summary)
@@ -57,6 +58,10 @@ def solution_dataset(grid: ArrivalGrid, posterior: Posterior, recipe: Recipe) ->
         coords=_coordinates(grid, recipe.dimensions),
         attrs=_provenance(grid, recipe),
     )
+    check = check_clocks(grid, posterior.moments.mean, recipe.preset.priors, recipe.preset.delay)
+    dataset["clock_offset_s"] = ("observatory", check.offset_s, _described("clock_offset_s"))
+    dataset["clock_offset_sd_s"] = ("observatory", check.offset_sd_s, _described("clock_offset_sd_s"))
+    dataset.attrs["clock_offset"] = check.message
     dataset["flags"] = (
         "frequency",
         np.array(flags_of(dataset, posterior.remarks), dtype=str),
@@ -120,6 +125,8 @@ def _inputs(grid: ArrivalGrid) -> dict[str, Variable]:
     return {
         "arrival_s": (of_receiver, grid.arrival_s, {"units": "s", "long_name": "arrival time after reference_time"}),
         "sigma_s": (of_receiver, grid.sigma_s, {"units": "s", "long_name": "timing error used"}),
+        "shape_sd_s": (of_receiver, grid.shape_sd_s, {"units": "s", "long_name": "error smooth along frequency"}),
+        "rise_s": (of_receiver, grid.rise_s, {"units": "s", "long_name": "half width of the rise"}),
         "delay_s": (of_receiver, grid.delay_s, {"units": "s", "long_name": "delay beyond light travel, taken off"}),
         "delay_sd_s": (of_receiver, grid.delay_sd_s, {"units": "s", "long_name": "uncertainty of that delay"}),
         "offset_sd_s": (
@@ -154,6 +161,10 @@ def _provenance(grid: ArrivalGrid, recipe: Recipe) -> dict[str, object]:
         "edge": grid.edge,
         "dimensions": recipe.dimensions,
         "tau_rsun": priors.tau_rsun,
+        "position_prior_power": priors.power,
+        "position_prior_sd_rsun": priors.position_sd_rsun(recipe.dimensions),
+        "kappa_prior": recipe.preset.delay.kappa,
+        "kappa_prior_sd": recipe.preset.delay.kappa_sd,
         "v_prior_sd_over_c": priors.v_sd_c,
         "v_max_over_c": priors.v_max_c,
         "bad_arrival_probability": recipe.preset.noise.bad_probability,

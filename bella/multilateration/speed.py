@@ -17,11 +17,13 @@ from bella.multilateration.priors import Priors
 from bella.units import C_RSUN_S, FloatArray
 
 NARROW_SPEED_PRIOR = 0.01
-"""Speed priors up to this, in c, are Gaussian in u to better than 1e-4; three nodes then integrate the ratio."""
+"""Speed priors up to this, in c, are Gaussian in u to better than 1e-4 over the posterior."""
 LARGEST_LOG_RATIO = 50.0
 SMALLEST_LOG_RATIO = -460.0
 """Limits of the ratio of the two priors. Only arrival times that no source explains reach them; they keep those finite
 until :mod:`bella.multilateration.flags` says so."""
+WHOLE_NODES = 9
+"""Nodes of the quadrature over a whole Gaussian."""
 CUT_NODES = 24
 CUT_RANGE_SD = 6.5
 """Quadrature over a Gaussian that is cut off: nodes, and how far they reach."""
@@ -67,6 +69,8 @@ def speed_moments(local: Local, priors: Priors) -> SpeedMoments:
     -------
     SpeedMoments
     """
+    if speed_prior_is_gaussian(priors):
+        return _of_narrow_prior(local)
     nodes, log_weight = speed_nodes(local, priors)
     log_factor = _log_sum(log_weight)
     share = np.exp(log_weight - log_factor)
@@ -79,6 +83,16 @@ def speed_moments(local: Local, priors: Priors) -> SpeedMoments:
     return SpeedMoments(log_factor, u, u_variance, v, v_variance, above_c)
 
 
+def _of_narrow_prior(local: Local) -> SpeedMoments:
+    """Moments for a Gaussian in u that is so narrow that v = 1/u is expanded around its mean."""
+    relative = local.slowness_sd / local.slowness
+    v = (1 + relative**2) / (local.slowness * C_RSUN_S)
+    above_c = ndtr((1 / C_RSUN_S - local.slowness) / local.slowness_sd)
+    return SpeedMoments(
+        np.zeros_like(v), local.slowness, local.slowness_sd**2, v, (v * relative) ** 2, np.asarray(above_c)
+    )
+
+
 def _log_sum(log_weight: FloatArray) -> FloatArray:
     top = log_weight.max(axis=0)
     return np.asarray(top + np.log(np.exp(log_weight - top).sum(axis=0)))
@@ -87,6 +101,11 @@ def _log_sum(log_weight: FloatArray) -> FloatArray:
 def _mean_and_variance(share: FloatArray, values: FloatArray) -> tuple[FloatArray, FloatArray]:
     mean = (share * values).sum(axis=0)
     return mean, (share * (values - mean) ** 2).sum(axis=0)
+
+
+def speed_prior_is_gaussian(priors: Priors) -> bool:
+    """Whether the prior of the speed is as good as Gaussian in the slowness."""
+    return priors.v_sd_c <= NARROW_SPEED_PRIOR and not priors.is_truncated
 
 
 def log_speed_factor(local: Local, priors: Priors) -> FloatArray:
@@ -103,7 +122,7 @@ def log_speed_factor(local: Local, priors: Priors) -> FloatArray:
         The shape of the integrals. Left out (0) for priors up to `NARROW_SPEED_PRIOR` without a largest speed, where it
         changes by less than 1e-4 over the posterior.
     """
-    if priors.v_sd_c <= NARROW_SPEED_PRIOR and not priors.is_truncated:
+    if speed_prior_is_gaussian(priors):
         return np.zeros_like(local.log_density)
     return _log_sum(speed_nodes(local, priors)[1])
 
@@ -127,7 +146,7 @@ def speed_nodes(local: Local, priors: Priors) -> tuple[FloatArray, FloatArray]:
     if priors.is_truncated:
         z, log_weight = _cut_nodes((1 / (priors.v_max_c * C_RSUN_S) - mean) / sd)
     else:
-        z, log_weight = _whole_nodes(3 if priors.v_sd_c <= NARROW_SPEED_PRIOR else 9, mean.ndim)
+        z, log_weight = _whole_nodes(WHOLE_NODES, mean.ndim)
     nodes = mean + z * sd
     return nodes, log_weight + log_prior_ratio(nodes, priors)
 

@@ -148,7 +148,13 @@ def closed_form(receivers: FloatArray, arrival_s: FloatArray) -> Roots:
     return _roots(timing, np.zeros(len(arrival_s), dtype=np.intp), dimensions)
 
 
-def solve(receivers: FloatArray, arrival_s: FloatArray, sigma_s: FloatArray, dimensions: int) -> TdoaSolution:
+def solve(
+    receivers: FloatArray,
+    arrival_s: FloatArray,
+    sigma_s: FloatArray,
+    dimensions: int,
+    correlation: FloatArray | None = None,
+) -> TdoaSolution:
     """Locate a batch of sources: closed form for D + 1 receivers, least squares for more or where it has no root.
 
     Parameters
@@ -161,6 +167,8 @@ def solve(receivers: FloatArray, arrival_s: FloatArray, sigma_s: FloatArray, dim
         Standard deviations, s.
     dimensions : int
         2: the source is in the plane z = 0; 3: anywhere.
+    correlation : ndarray, shape (B, n, n), optional
+        Of the errors; not read where a receiver is missing.
 
     Returns
     -------
@@ -174,7 +182,7 @@ def solve(receivers: FloatArray, arrival_s: FloatArray, sigma_s: FloatArray, dim
         If the receivers of a row lie on one line (3D: in one plane), or its numbers are beyond all use.
     """
     with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
-        timing = timing_of(receivers, arrival_s, sigma_s, dimensions)
+        timing = timing_of(receivers, arrival_s, sigma_s, dimensions, correlation)
         _check_spread(timing, dimensions)
         return _checked(_solved(timing, dimensions))
 
@@ -198,7 +206,7 @@ def _roots(timing: Timing, reference: IntArray, dimensions: int) -> Roots:
     q = timing.receivers - p0[:, None, :]
     height = -p0[:, dimensions:]
     known = 0.5 * ((q**2).sum(axis=2) - d**2) - np.einsum("bnk,bk->bn", q[..., dimensions:], height)
-    weight = np.sqrt(timing.share)
+    weight = np.sqrt(timing.positive_share)
     solver = np.linalg.pinv(weight[..., None] * q[..., :dimensions])
     a = (solver @ (weight * known)[..., None])[..., 0]
     g = -(solver @ (weight * d)[..., None])[..., 0]

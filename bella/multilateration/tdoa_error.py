@@ -5,9 +5,10 @@ receivers of the centred products equals a sum over pairs,
 
     J~^T W J~ = sum_{i<j} w_i w_j / W (e_i - e_j)(e_i - e_j)^T / c^2,      W = sum w,
 
-which takes no difference of nearly equal numbers when one receiver is far more precise than the rest. The emission
-time t0 = y-bar - d-bar/c then has the variance 1/W + e-bar^T C e-bar / c^2 (Torrieri 1984, IEEE Trans. AES-20:183;
-the same as the t0 element of the inverse of the full normal matrix).
+with -Q_ij in place of w_i w_j / W where errors are correlated. It takes no difference of nearly equal numbers when one
+receiver is far more precise than the rest. The emission time t0 = y-bar - d-bar/c then has the variance 1/W + e-bar^T C
+e-bar / c^2 (Torrieri 1984, IEEE Trans. AES-20:183; the same as the t0 element of the inverse of the full normal
+matrix).
 """
 
 from typing import NamedTuple
@@ -87,9 +88,9 @@ def information(timing: Timing, points: FloatArray) -> FloatArray:
     """
     _, unit = directions(timing, points)
     first, second = np.triu_indices(unit.shape[1], k=1)
-    scale = np.sqrt(timing.share[:, first] * timing.share[:, second]) / C_RSUN_S
-    pairs = scale[..., None] * (unit[:, first] - unit[:, second])
-    return np.asarray((pairs.swapaxes(1, 2) @ pairs) * timing.total_weight[:, None, None])
+    weight = -timing.precision[:, first, second] * timing.total_weight[:, None] / C_RSUN_S**2
+    pairs = unit[:, first] - unit[:, second]
+    return np.asarray((weight[..., None] * pairs).swapaxes(1, 2) @ pairs)
 
 
 def is_singular(normal: FloatArray) -> BoolArray:

@@ -3,7 +3,9 @@ r"""Least squares on arrival times of a signal that travels at c, and the error 
 Receiver i, at p_i, hears at y_i = t0 + \|s - p_i\|/c. The best emission time is the weighted mean of y_i - d_i/c, so
 it drops out when weighted means are taken off: with r~_i = (y_i - y-bar) - (d_i - d-bar)/c and unit vectors
 e_i = (s - p_i)/d_i, the misfit is sum w r~^2 and its Jacobian -(e_i - e-bar)/c (Badman et al. 2022, ApJ 938:95,
-doi:10.3847/1538-4357/ac90c2; the elimination is that of Torrieri 1984, IEEE Trans. AES-20:183).
+doi:10.3847/1538-4357/ac90c2; the elimination is that of Torrieri 1984, IEEE Trans. AES-20:183). For errors that are
+correlated between receivers, with the inverse P of their covariance, the weights of the means are P 1 / W and the
+misfit is r~^T P r~ = r^T Q r, Q = P - P 1 1^T P / W, W = 1^T P 1.
 """
 
 from dataclasses import dataclass
@@ -42,9 +44,11 @@ class Timing:
     delay_s : ndarray, shape (B, n)
         Time since the first arrival, s; 0 where missing.
     share : ndarray, shape (B, n)
-        Weights 1/sigma^2 divided by their sum; 0 where missing.
+        Weights of the best mean, which add up to one; 0 where missing.
+    precision : ndarray, shape (B, n, n)
+        Q of the module's equation, over the total weight.
     total_weight : ndarray, shape (B,)
-        Sum of the weights, s^-2.
+        W, s^-2.
     first_s : ndarray, shape (B,)
         First arrival, s.
     """
@@ -52,22 +56,33 @@ class Timing:
     receivers: FloatArray
     delay_s: FloatArray
     share: FloatArray
+    precision: FloatArray
     total_weight: FloatArray
     first_s: FloatArray
 
     @property
     def present(self) -> BoolArray:
         """Which receivers heard it, shape (B, n)."""
-        return self.share > 0
+        return np.asarray(self.share != 0)
+
+    @property
+    def positive_share(self) -> FloatArray:
+        """Shares without those below 0 that strong correlations make: good enough to find a start."""
+        positive = np.maximum(self.share, 0)
+        return np.asarray(positive / positive.sum(axis=1, keepdims=True))
 
     def take(self, rows: IntArray) -> "Timing":
         """The problems of some rows."""
-        return Timing(
-            self.receivers[rows], self.delay_s[rows], self.share[rows], self.total_weight[rows], self.first_s[rows]
-        )
+        return Timing(**{name: getattr(self, name)[rows] for name in Timing.__dataclass_fields__})
 
 
-def timing_of(receivers: FloatArray, arrival_s: FloatArray, sigma_s: FloatArray, dimensions: int) -> Timing:
+def timing_of(
+    receivers: FloatArray,
+    arrival_s: FloatArray,
+    sigma_s: FloatArray,
+    dimensions: int,
+    correlation: FloatArray | None = None,
+) -> Timing:
     """Check a batch of arrival times and take the first arrival off.
 
     Parameters
@@ -80,6 +95,8 @@ def timing_of(receivers: FloatArray, arrival_s: FloatArray, sigma_s: FloatArray,
         Standard deviations, s; not read where the receiver is missing.
     dimensions : int
         2 or 3.
+    correlation : ndarray, shape (B, n, n), optional
+        Of the errors; not read where a receiver is missing.
 
     Returns
     -------
@@ -104,11 +121,18 @@ def timing_of(receivers: FloatArray, arrival_s: FloatArray, sigma_s: FloatArray,
     first = np.where(present, arrival_s, np.inf).min(axis=1, initial=np.inf)
     smallest = np.where(present, sigma_s, np.inf).min(axis=1, initial=np.inf)
     relative = np.where(present, smallest[:, None] / np.where(present, sigma_s, 1.0), 0.0) ** 2
-    total = relative.sum(axis=1)
+    inverse = relative[..., None] * np.eye(relative.shape[1])
+    if correlation is not None:
+        both = present[:, :, None] & present[:, None, :]
+        inverse = np.linalg.inv(np.where(both, correlation, np.eye(relative.shape[1])))
+        inverse *= np.sqrt(relative[:, :, None] * relative[:, None, :])
+    total = inverse.sum(axis=(1, 2))
+    share = inverse.sum(axis=2) / total[:, None]
     return Timing(
         receivers=np.where(present[..., None], receivers, 0.0),
         delay_s=np.where(present, arrival_s - first[:, None], 0.0),
-        share=relative / total[:, None],
+        share=share,
+        precision=inverse / total[:, None, None] - share[:, :, None] * share[:, None, :],
         total_weight=total / smallest**2,
         first_s=first,
     )
@@ -164,7 +188,7 @@ def misfit(timing: Timing, points: FloatArray) -> FloatArray:
 def _mean_square(timing: Timing, points: FloatArray) -> FloatArray:
     distance, _ = directions(timing, points)
     residual = _centred(timing, timing.delay_s - distance / C_RSUN_S)
-    return np.asarray((timing.share * residual**2).sum(axis=1))
+    return np.asarray(np.einsum("bi,bij,bj->b", residual, timing.precision, residual))
 
 
 def directions(timing: Timing, points: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -263,7 +287,7 @@ def _step(timing: Timing, points: FloatArray, damping: FloatArray) -> FloatArray
     distance, unit = directions(timing, points)
     residual = _centred(timing, timing.delay_s - distance / C_RSUN_S)
     jacobian = unit - np.einsum("bn,bnd->bd", timing.share, unit)[:, None, :]
-    weighted = (timing.share[..., None] * jacobian).swapaxes(1, 2)
+    weighted = jacobian.swapaxes(1, 2) @ timing.precision
     normal = weighted @ jacobian
     scale = np.maximum(np.einsum("bii->b", normal) / points.shape[1], 1e-200)
     normal += (damping * scale)[:, None, None] * np.eye(points.shape[1])
@@ -304,7 +328,7 @@ def _best_node(timing: Timing, nodes: FloatArray) -> IntArray:
     length += (timing.receivers**2).sum(axis=2).astype(single)[..., None]
     np.sqrt(np.maximum(length, 0, out=length), out=length)
     residual = np.subtract((timing.delay_s * C_RSUN_S).astype(single)[..., None], length, out=length)
-    share = timing.share.astype(single)
+    share = timing.positive_share.astype(single)
     mean = (share[:, None, :] @ residual)[:, 0]
     residual *= residual
     return np.asarray(((share[:, None, :] @ residual)[:, 0] - mean**2).argmin(axis=1))

@@ -11,6 +11,7 @@ from scipy.stats import chi2
 
 from bella.arrivals import ArrivalGrid
 from bella.exceptions import InputError
+from bella.heliosphere.scattering import DirectionalDelay, one_minus_cosine
 from bella.multilateration.draws import Draws
 from bella.multilateration.likelihood import evaluate, problems_of
 from bella.multilateration.modes import Modes
@@ -24,6 +25,9 @@ from bella.units import FloatArray
 
 AT_LIGHT_SPEED = Priors(v_sd_c=1e-9)
 VERTICES = 73
+DELAY_STEPS = 5
+"""Positions are found so often, each time with the directional delay of the last: a step changes the next one by a
+fifth."""
 
 
 def tdoa_posterior(grid: ArrivalGrid, recipe: Recipe, advance: Callable[[int], None]) -> Posterior:
@@ -51,18 +55,31 @@ def tdoa_posterior(grid: ArrivalGrid, recipe: Recipe, advance: Callable[[int], N
     """
     if recipe.preset.noise.bad_probability:
         raise InputError(f"preset {recipe.preset.name!r} allows bad arrival times; use it with the method posterior")
-    sigma_s = np.sqrt(grid.sigma_s**2 + grid.delay_sd_s**2 + grid.offset_sd_s**2)
     try:
-        solved = solve(grid.receiver_rsun, grid.arrival_s - grid.delay_s, sigma_s, recipe.dimensions)
+        solved = _solved(grid, recipe)
     except InputError as error:
         raise type(error)(f"method tdoa, frequencies as rows from 0: {error}") from error
     advance(grid.frequency_mhz.size)
     return Posterior(
         draws=_draws(grid, solved, recipe),
-        moments=_moments(grid, solved),
+        moments=_moments(grid, solved, recipe.preset.delay),
         regions=[_region(*one) for one in zip(solved.position, solved.covariance, strict=True)],
         remarks=[_remarks(*one) for one in zip(solved.two_roots, solved.inconsistent, strict=True)],
     )
+
+
+def _solved(grid: ArrivalGrid, recipe: Recipe) -> TdoaSolution:
+    """Positions, with the directional delay of the last ones taken off and its uncertainty added to the noise."""
+    delay, late = recipe.preset.delay, np.zeros_like(grid.arrival_s)
+    for _ in range(DELAY_STEPS if delay.is_free else 1):
+        covariance = grid.covariances_s2() + delay.kappa_sd**2 * late[:, :, None] * late[:, None, :]
+        sigma_s = np.sqrt(np.einsum("fii->fi", covariance))
+        arrival_s = grid.arrival_s - grid.delay_s - delay.kappa * late
+        correlation = covariance / (sigma_s[:, :, None] * sigma_s[:, None, :])
+        solved = solve(grid.receiver_rsun, arrival_s, sigma_s, recipe.dimensions, correlation)
+        source = np.pad(solved.position, ((0, 0), (0, 3 - recipe.dimensions)))
+        late = np.nan_to_num(grid.rise_s * one_minus_cosine(source[:, None], grid.receiver_rsun))
+    return solved
 
 
 def _remarks(two_roots: bool, inconsistent: bool) -> str:
@@ -70,7 +87,7 @@ def _remarks(two_roots: bool, inconsistent: bool) -> str:
     return ";".join(name for name in raised if raised[name])
 
 
-def _moments(grid: ArrivalGrid, solved: TdoaSolution) -> Moments:
+def _moments(grid: ArrivalGrid, solved: TdoaSolution, delay: DirectionalDelay) -> Moments:
     none = np.zeros(len(solved.position))
     return Moments(
         mean=solved.position,
@@ -83,6 +100,8 @@ def _moments(grid: ArrivalGrid, solved: TdoaSolution) -> Moments:
         above_c=none,
         prior_pull=np.zeros_like(solved.position),
         bad_probability=np.zeros_like(grid.arrival_s),
+        kappa=none + delay.kappa,
+        kappa_sd=none + delay.kappa_sd,
     )
 
 
@@ -93,11 +112,13 @@ def _draws(grid: ArrivalGrid, solved: TdoaSolution, recipe: Recipe) -> Draws:
     root = np.linalg.cholesky(solved.covariance)
     z = rng.standard_normal((count, recipe.draws, dimensions))
     position = solved.position[:, None] + np.einsum("bij,bnj->bni", root, z)
-    problems = problems_of(grid, AT_LIGHT_SPEED, dimensions).spread()
+    problems = problems_of(grid, AT_LIGHT_SPEED, dimensions, delay=recipe.preset.delay).spread()
     local = evaluate(problems, np.moveaxis(position, -1, 0))
+    kappa = local.kappa[0] + local.kappa_sd[0] * rng.standard_normal(local.kappa[0].shape)
     late = problems.mean_arrival_s[0] - AT_LIGHT_SPEED.slowness_mean * local.mean_distance[0]
+    late = late - kappa * local.mean_delay_s[0]
     jitter = rng.standard_normal(late.shape) / np.sqrt(problems.total_weight[0])
-    return Draws(position, late + jitter, np.ones(late.shape), np.full(count, float(recipe.draws)))
+    return Draws(position, late + jitter, np.ones(late.shape), kappa, np.full(count, float(recipe.draws)))
 
 
 def _region(mean: FloatArray, covariance: FloatArray) -> Region:

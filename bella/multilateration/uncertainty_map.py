@@ -14,7 +14,7 @@ import xarray as xr
 from scipy.interpolate import RegularGridInterpolator
 
 import bella
-from bella.arrivals import FARTHEST_RECEIVER_RSUN, MIN_OBSERVATORIES
+from bella.arrivals import FARTHEST_RECEIVER_RSUN, MIN_OBSERVATORIES, check_covariance
 from bella.exceptions import GeometryError, InputError
 from bella.multilateration.closed_form import closed_form_covariance, largest_sd
 from bella.multilateration.exact_map import Receivers, exact_covariance
@@ -113,6 +113,7 @@ def uncertainty_map(  # noqa: PLR0913
     size: int = 500,
     half_width_rsun: float = HALF_WIDTH_RSUN,
     exact: bool = False,
+    correlation: npt.ArrayLike | None = None,
     epoch: np.datetime64 | None = None,
     processes: int | None = None,
     advance: Advance = lambda _: None,
@@ -135,6 +136,8 @@ def uncertainty_map(  # noqa: PLR0913
     exact : bool
         Compute the exact posterior at every node, beside the closed form. Without it the closed form is checked on
         `COARSE_SIZE` x `COARSE_SIZE` nodes and the ratio interpolated.
+    correlation : array_like, shape (n, n), optional
+        Of the timing errors between the observatories, in their order; none if left out.
     epoch : numpy.datetime64, optional
         UTC of the HEE axes, to be stored.
     processes : int, optional
@@ -159,8 +162,8 @@ def uncertainty_map(  # noqa: PLR0913
         If the exact posterior of a node is too sharp to compute.
     """
     square = _square(size, half_width_rsun)
-    fleet = _fleet(receivers, sigma_s)
-    closed = closed_form_covariance(square.points, fleet.position_rsun, fleet.sigma_s, priors)
+    fleet = _fleet(receivers, sigma_s, correlation)
+    closed = closed_form_covariance(square.points, fleet.position_rsun, fleet.sigma_s, priors, fleet.correlation)
     lattice = Square(size if exact else min(size, COARSE_SIZE), half_width_rsun)
     held_against = exact_covariance(lattice.points, fleet, priors, processes=processes, advance=advance)
     ratio = _ratio(lattice, held_against, fleet, priors)
@@ -180,7 +183,11 @@ def _square(size: int, half_width_rsun: float) -> Square:
     return Square(size, half_width_rsun)
 
 
-def _fleet(receivers: Mapping[str, npt.ArrayLike], sigma_s: Mapping[str, float] | float | None) -> Receivers:
+def _fleet(
+    receivers: Mapping[str, npt.ArrayLike],
+    sigma_s: Mapping[str, float] | float | None,
+    correlation: npt.ArrayLike | None,
+) -> Receivers:
     names = tuple(receivers)
     if len(names) < MIN_OBSERVATORIES:
         heard = ", ".join(names) or "no spacecraft"
@@ -192,12 +199,18 @@ def _fleet(receivers: Mapping[str, npt.ArrayLike], sigma_s: Mapping[str, float] 
     positions = np.array([receivers[name] for name in names], dtype=np.float64)
     if (positions == positions[0]).all():
         raise GeometryError("all spacecraft are at one place, and hear every source alike; give their own positions")
-    return Receivers(names, positions, timing_errors(names, sigma_s))
+    if correlation is None:
+        return Receivers(names, positions, timing_errors(names, sigma_s))
+    matrix = np.asarray(correlation, dtype=np.float64)
+    check_covariance(matrix, len(names), source="correlation")
+    if not np.allclose(np.diag(matrix), 1):
+        raise InputError("correlation: its diagonal is not 1; give correlations, and timing errors with --sigma")
+    return Receivers(names, positions, timing_errors(names, sigma_s), matrix)
 
 
 def _ratio(lattice: Square, exact: FloatArray, fleet: Receivers, priors: Priors) -> FloatArray:
     """Closed form over exact, by the larger of sd_x and sd_y, shape (size, size)."""
-    closed = closed_form_covariance(lattice.points, fleet.position_rsun, fleet.sigma_s, priors)
+    closed = closed_form_covariance(lattice.points, fleet.position_rsun, fleet.sigma_s, priors, fleet.correlation)
     variances = [np.einsum("...ii->...i", covariance).max(axis=-1) for covariance in (closed, exact)]
     return np.asarray(np.sqrt(variances[0] / variances[1]).reshape(lattice.size, lattice.size))
 

@@ -64,8 +64,9 @@ def _draw(curves: Axes, residuals: Axes, band: pd.DataFrame, names: list[str]) -
     for number, name in enumerate(names):
         style = TRACK_STYLES[number % len(TRACK_STYLES)]
         rows = band[band["observatory"] == name]
-        marker = {"marker": style.printed_marker, "ms": 3, "ls": "none", "alpha": 0.6, "color": style.colour}
-        curves.plot(rows["widths"], rows["height"], label=name, **marker)
-        residuals.plot(rows["widths"], rows["height"] - rows["fitted"], **marker)
+        for axes, shown in ((curves, rows["height"]), (residuals, rows["height"] - rows["fitted"])):
+            axes.scatter(
+                rows["widths"], shown, s=9, alpha=0.6, color=style.colour, marker=style.printed_marker, label=name
+            )
     curves.axhline(0.5, color=INK, lw=0.6, ls=":")
     residuals.axhline(0.0, color=INK, lw=0.6)

@@ -1,7 +1,7 @@
 """From the arrival times of a burst to everything that is said of its track."""
 
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -11,6 +11,7 @@ import xarray as xr
 from bella.arrivals import MIN_OBSERVATORIES, ArrivalGrid, arrival_grid, check_arrivals, locate_receivers
 from bella.flags import APPARENT_SOURCE
 from bella.heliosphere import PAPER_FIGURES_ROTATION_D
+from bella.heliosphere.scattering import LITERATURE_DELAY
 from bella.multilateration import localise
 from bella.multilateration.priors import apply_sigma_rule, find_preset
 from bella.records import Track
@@ -18,6 +19,7 @@ from bella.tracks.compare import fused_companion, models_companion
 from bella.tracks.directions import direction_terms
 from bella.tracks.fit import DRAWS, TrackFit, fit_track
 from bella.tracks.model import TrackModel, WindPrior
+from bella.tracks.preliminary import fit_preliminary
 from bella.tracks.spiral import track_fit
 from bella.units import FloatArray
 
@@ -82,17 +84,21 @@ def fit_table(
     InputError
         If the table, or a choice of the recipe, is wrong.
     NoDataError
-        If the time is outside the ephemeris.
+        If the time is outside the ephemeris, or two spacecraft alone say too little (:class:`NotPlacedError`).
     """
     chosen = recipe or TrackRecipe()
     table = check_arrivals(arrivals, heard_by=LEAST_OBSERVATORIES)
     located = locate_receivers(table)
     grid = arrival_grid(located, heard_by=1, covariance_s2=chosen.covariance_s2)
-    grid = apply_sigma_rule(grid, find_preset(chosen.preset))
+    preset = find_preset(chosen.preset)
+    grid = apply_sigma_rule(grid, preset)
+    if len(grid.observatories) < MIN_OBSERVATORIES:
+        return _preliminary(grid)
     terms = None
     if chosen.directions is not None:
         terms = direction_terms(chosen.directions, located, grid.reference_utc, chosen.floor_deg)
-    fit = fit_track(grid, chosen.model, draws=chosen.draws, seed=chosen.seed)
+    model = chosen.model if chosen.model.delay != LITERATURE_DELAY else replace(chosen.model, delay=preset.delay)
+    fit = fit_track(grid, model, draws=chosen.draws, seed=chosen.seed)
     companions: dict[str, dict[str, Any]] = {}
     if fit.draws and (terms is not None or chosen.wind is not None):
         companions["fused"] = fused_companion(fit, grid, terms, chosen.wind, chosen.seed)
@@ -104,6 +110,12 @@ def fit_table(
         other_rotations_d=(PAPER_FIGURES_ROTATION_D,),
     )
     return track_record(fit, line, companions)
+
+
+def _preliminary(grid: ArrivalGrid) -> Track:
+    """What two spacecraft say: regions of the longitude, a side and distances."""
+    record = fit_preliminary(grid)
+    return Track(remark=APPARENT_SOURCE, rotation_period_d=record.rotation_period_d, joint=record)
 
 
 def track_record(fit: TrackFit, line: dict[str, Any], companions: dict[str, dict[str, Any]]) -> Track:
@@ -135,7 +147,9 @@ def _positions(
 ) -> xr.Dataset:
     """Position of each frequency; of none where no frequency is heard by three receivers."""
     if (np.isfinite(grid.arrival_s).sum(axis=1) >= MIN_OBSERVATORIES).any():
-        return localise(table, preset=recipe.preset, draws=FEW_DRAWS, advance=advance)
+        return localise(
+            table, preset=recipe.preset, draws=FEW_DRAWS, advance=advance, covariance_s2=recipe.covariance_s2
+        )
     return xr.Dataset({name: ("frequency", np.empty(0)) for name in ("x_rsun", "y_rsun")}, attrs={"frame": "HEE"})
 
 

@@ -28,7 +28,7 @@ def seen(cadence_s: float, offset_s: np.ndarray | None = None, noise: float = 0.
     return observe(receiver, [BURST], start, start + np.timedelta64(90, "m"), np.random.default_rng(seed))
 
 
-def late_s(spectrum: xr.Dataset, method: str = "flank") -> np.ndarray:
+def late_s(spectrum: xr.Dataset, method: str = "half_rise") -> np.ndarray:
     edges = spectrum_edges(spectrum, method)
     found = (edges["arrival_utc"].to_numpy() - RELEASE) / SECOND
     return found - arrival_s(BURST, edges["frequency_mhz"].to_numpy(), "STEREO-A")
@@ -171,7 +171,7 @@ def test_a_window_keeps_another_burst_out() -> None:
     assert (apart.abs() < 2 * alone["sigma_s"]).all()
 
 
-@pytest.mark.parametrize("method", ["flank", "half_maximum", "gauss_hermite"])
+@pytest.mark.parametrize("method", ["half_rise", "half_maximum", "gauss_hermite"])
 @pytest.mark.parametrize("kept", [{"time": slice(0, 1)}, {"time": slice(0, 2)}, {"frequency": [0]}])
 def test_scraps_of_a_spectrum_are_no_reason_to_stop(method: str, kept: dict[str, object]) -> None:
     edges = spectrum_edges(SWEPT.isel(kept), method)
@@ -207,7 +207,7 @@ def test_any_numbers_give_an_edge_or_a_known_flag(seed: int) -> None:
 
 
 def test_what_cannot_be_done_is_said() -> None:
-    with pytest.raises(InputError, match="'peak' is not a way to find edges: choose one of flank, half_maximum"):
+    with pytest.raises(InputError, match="'peak' is not an edge of one light curve: choose one of half_rise"):
         spectrum_edges(SWEPT, "peak")
     with pytest.raises(InputError, match="no record between"):
         spectrum_edges(SWEPT, window_utc=(RELEASE + np.timedelta64(9, "h"), RELEASE + np.timedelta64(10, "h")))

@@ -6,7 +6,8 @@ import xarray as xr
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from bella.bursts import half_maximum_edge, spectrum_edges
+from bella.bursts import spectrum_edges
+from bella.bursts.edges import half_maximum_edge
 
 TIME_S = np.arange(0.0, 1200.0, 40.0)
 RISE_S, DECAY_S = 60.0, 150.0

@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from bella.bursts.first_maximum import first_maximum
+from bella.bursts.edges import first_maximum
 
 
 def pulses(*heights_at: tuple[float, float], width: float = 6.0) -> np.ndarray:

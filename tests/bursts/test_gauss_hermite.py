@@ -1,10 +1,10 @@
 import numpy as np
 import pytest
-from bella.bursts.gauss_hermite import gauss_hermite, gauss_hermite_edge, mode_widths
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.optimize import brentq
 
+from bella.bursts.edges import gauss_hermite, gauss_hermite_edge, mode_widths
 from bella.simulation.light_curves import PulseLaw
 
 

@@ -6,14 +6,16 @@ import xarray as xr
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from bella.bursts.matched_filter import BEAM_SPEEDS_C, channel_match, drift_delays_s, drift_match
-from bella.bursts.search_grid import (
+from bella.bursts.matched_filter import (
+    BEAM_SPEEDS_C,
     CHANNELS,
     EDGES_MHZ,
     FREQUENCY_MHZ,
     LEAST_NOISE_DB,
     SearchGrid,
-    minutes_utc,
+    channel_match,
+    drift_delays_s,
+    drift_match,
     over_quiet,
     search_grid,
 )
@@ -52,7 +54,7 @@ def test_every_record_is_in_its_minute() -> None:
     grid = grid_of(quiet())
 
     assert grid.excess_db.shape == (MINUTES, CHANNELS)
-    np.testing.assert_array_equal(minutes_utc(grid), quiet()["time"].to_numpy())
+    assert grid.start == quiet()["time"].to_numpy()[0].astype("datetime64[m]")
 
 
 def test_noise_is_that_of_the_quiet_minutes_and_never_less_than_the_least() -> None:
@@ -166,3 +168,15 @@ def test_a_grid_without_records_of_bursts_has_a_score_of_zero() -> None:
     assert (found.score == 0.0).all()
     assert not found.hit.any()
     assert not found.measured.any()
+
+
+def test_beams_slow_down_as_they_were_measured_to() -> None:
+    """Travel of the beam between the first and last channel, summed over small steps at 0.15 c (r / 10)^-0.37."""
+    from bella.heliosphere import DENSITY_MODELS, emission_range_rsun
+
+    inner, outer = emission_range_rsun(FREQUENCY_MHZ[[-1, 0]], DENSITY_MODELS["leblanc"], 2)
+    path = np.linspace(inner, outer, 20001)
+    middle, step = 0.5 * (path[1:] + path[:-1]), np.diff(path)
+    drift = 5
+    travel_s = float((step / (BEAM_SPEEDS_C[drift] * 0.430862 * (middle / 10.0) ** -0.37)).sum())
+    assert drift_delays_s()[drift, 0] == pytest.approx(travel_s, rel=1e-3)

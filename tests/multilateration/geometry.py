@@ -11,12 +11,18 @@ from bella.multilateration import localise
 from bella.multilateration.cells import TOLERANCE, divide
 from bella.multilateration.likelihood import GAUSSIAN, problems_of
 from bella.multilateration.moments import Moments, moments_of
-from bella.multilateration.priors import Noise, Priors
+from bella.multilateration.priors import PRESETS, Noise, Preset, Priors
 from bella.multilateration.regions import Region, regions_of
 from bella.units import AU_RSUN, C_RSUN_S, R_SUN_KM
 
 REFERENCE_UTC = np.datetime64("2012-06-07T19:00:00", "ns")
 NARROW, WIDE = Priors(), Priors(v_sd_c=0.1)
+PLAIN = Preset("plain", NARROW, "table")
+ROBUST, FREE, BELOW_C = (
+    Preset("robust", NARROW, "table", noise=PRESETS["robust"].noise),
+    Preset("free-speed", WIDE, "table"),
+    Preset("subluminal", Priors(v_sd_c=0.1, v_max_c=1.0), "table"),
+)
 
 
 def polar(range_rsun: float, longitude_deg: float) -> np.ndarray:
@@ -79,8 +85,8 @@ def table_of(grid: ArrivalGrid) -> pd.DataFrame:
 
 
 def first(grid: ArrivalGrid, **choices) -> xr.Dataset:
-    """Solution of the first frequency."""
-    return localise(table_of(grid), **({"draws": 10} | choices)).isel(frequency=0)
+    """Solution of the first frequency, by default without a directional delay and with the prior of the paper."""
+    return localise(table_of(grid), **({"draws": 10, "preset": PLAIN} | choices)).isel(frequency=0)
 
 
 def moments(

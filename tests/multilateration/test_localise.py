@@ -14,7 +14,7 @@ from bella.multilateration import METHODS, PRESETS, localise
 from bella.multilateration.flags import flags_of
 from bella.multilateration.priors import CADENCE_S
 from tests.multilateration.geometry import CADENCE_S as CADENCE_ROUNDED_S
-from tests.multilateration.geometry import EVENT, FIVE, grid_of, moments, on_spiral, table_of
+from tests.multilateration.geometry import EVENT, FIVE, PLAIN, first, grid_of, moments, on_spiral, table_of
 
 PER_FREQUENCY = [
     "x_rsun",
@@ -74,7 +74,7 @@ def test_every_variable_says_what_it_is_and_every_number_is_finite(solution) -> 
     for name, variable in solution.data_vars.items():
         assert variable.attrs["long_name"], name
         assert variable.attrs["units"], name
-        if variable.dtype.kind == "f" and not str(name).startswith(("region", "mode_mean")):
+        if variable.dtype.kind == "f" and not str(name).startswith(("region", "mode_mean", "clock_offset")):
             assert np.isfinite(variable).all(), name
 
 
@@ -92,7 +92,10 @@ def test_the_recipe_is_stored(solution) -> None:
         "Conventions": "CF-1.11",
     }
     assert {name: solution.attrs[name] for name in expected} == expected
-    assert solution.attrs["tau_rsun"] == pytest.approx(80.64, abs=0.01)
+    # <r^2> / 2 of exp(-(r / 300)^4 / 2) in the plane is 300^2 / sqrt(2 pi)
+    assert solution.attrs["position_prior_sd_rsun"] == pytest.approx(300 / (2 * np.pi) ** 0.25, abs=0.01)
+    assert (solution.attrs["tau_rsun"], solution.attrs["position_prior_power"]) == (300.0, 4.0)
+    assert (solution.attrs["kappa_prior"], solution.attrs["kappa_prior_sd"]) == (0.11, 0.10)
     assert solution.attrs["reference_time"].endswith("Z")
 
 
@@ -112,20 +115,18 @@ def test_draws_agree_with_the_summary(solution) -> None:
     assert float(abs((mean.sel(parameter="x_rsun") - solution["x_rsun"]) / sd).max()) < 4.5 / np.sqrt(360)
     emission = (mean.sel(parameter="emission_s") - solution["emission_s"]) / solution["emission_sd_s"]
     assert float(abs(emission).max()) < 4.5 / np.sqrt(360)
-    np.testing.assert_allclose(solution["contraction_x"], sd / solution.attrs["tau_rsun"])
+    np.testing.assert_allclose(solution["contraction_x"], sd / solution.attrs["position_prior_sd_rsun"])
 
 
 def test_three_spacecraft_do_not_measure_the_speed_and_five_do() -> None:
-    assert localise(table_of(grid_of(on_spiral(75), EVENT, 7.0)), draws=10)["flags"].item() == "speed_not_constrained"
+    assert first(grid_of(on_spiral(75), EVENT, 7.0))["flags"].item() == "speed_not_constrained"
     # five at 7 s: the narrow prior still rules; it takes sharper times to beat 0.001 c
-    assert (
-        "speed_not_constrained" not in localise(table_of(grid_of(on_spiral(75), FIVE, 0.1)), draws=10)["flags"].item()
-    )
+    assert "speed_not_constrained" not in first(grid_of(on_spiral(75), FIVE, 0.1))["flags"].item()
 
 
 def test_through_the_table_the_answer_is_that_of_the_engine() -> None:
     grid = grid_of([on_spiral(75), on_spiral(20)], EVENT, CADENCE_ROUNDED_S)
-    solved = localise(table_of(grid), draws=10)
+    solved = localise(table_of(grid), preset=PLAIN, draws=10)
 
     np.testing.assert_allclose(solved["x_rsun"], moments(grid).mean[:, 0], atol=1e-5)
     np.testing.assert_allclose(solved["emission_sd_s"], moments(grid).emission_sd_s, rtol=1e-6)
@@ -202,7 +203,9 @@ def test_every_flag_that_can_be_raised_is_documented(solution) -> None:
         modes=solution["modes"] * 0 + 2,
         misfit=solution["misfit"] * 0 + 1e6,
         draw_ess=solution["draw_ess"] * 0,
-    )
+        prior_pull_x_rsun=solution["contraction_x"] * 0 + 1e4,
+        prior_pull_z_rsun=solution["contraction_x"] * 0,
+    ).assign_attrs(clock_offset="A is late")
     raised = flags_of(bad, ["two_roots;no_exact_root"] * 3)[0].split(";")
 
     assert len(raised) == len(LOCALISATION_FLAGS)

@@ -13,6 +13,7 @@ from bella.multilateration.likelihood import problems_of
 from bella.multilateration.moments import moments_of
 from bella.multilateration.priors import PRESETS, Noise, Priors
 from bella.multilateration.regions import log_density, regions_of
+from tests.multilateration import geometry
 from tests.multilateration.geometry import (
     CADENCE_S,
     EVENT,
@@ -29,7 +30,7 @@ from tests.multilateration.geometry import (
     table_of,
 )
 
-BELOW_C = Priors(v_sd_c=0.1, v_max_c=1.0)
+BELOW_C = geometry.BELOW_C.priors
 ROBUST = PRESETS["robust"].noise
 
 
@@ -61,14 +62,14 @@ def test_a_delay_in_the_table_does_what_it_says() -> None:
     table = table_of(grid_of(on_spiral(75), FOUR, 7.0))
     late = table.assign(arrival_utc=table["arrival_utc"] + np.timedelta64(50, "s"), delay_s=50.0)
     uncertain = table.assign(delay_sd_s=15.0, offset_sd_s=12.0)
-    plain, corrected, wide = (localise(some, draws=10) for some in (table, late, uncertain))
+    plain, corrected, wide = (localise(some, preset=geometry.PLAIN, draws=10) for some in (table, late, uncertain))
 
     np.testing.assert_allclose(corrected["x_rsun"], plain["x_rsun"], atol=1e-6)
     assert corrected.attrs["reference_time"] != plain.attrs["reference_time"]
     moved_s = pd.Timestamp(corrected.attrs["reference_time"]) - pd.Timestamp(plain.attrs["reference_time"])
     late_s = moved_s.total_seconds() + (corrected["emission_s"] - plain["emission_s"])
     np.testing.assert_allclose(late_s, 0, atol=1e-3)
-    expected = localise(table.assign(sigma_s=np.sqrt(7.0**2 + 15.0**2 + 12.0**2)), draws=10)
+    expected = localise(table.assign(sigma_s=np.sqrt(7.0**2 + 15.0**2 + 12.0**2)), preset=geometry.PLAIN, draws=10)
     np.testing.assert_allclose(wide["cov_xx_rsun2"], expected["cov_xx_rsun2"], rtol=1e-9)
     assert (wide["sigma_s"] == 7.0).all()
     assert (wide["offset_sd_s"] == 12.0).all()
@@ -113,11 +114,11 @@ def test_draws_keep_to_the_largest_speed_and_to_the_moments(name) -> None:
 def test_arrival_times_that_prefer_a_speed_above_c_are_flagged() -> None:
     fast, slow = (grid_of(on_spiral(75), FIVE, 7.0, v_over_c=v) for v in (1.2, 0.9))
 
-    assert "speed_above_c" in first(fast, preset="free-speed")["flags"].item()
-    assert "speed_above_c" not in first(slow, preset="free-speed")["flags"].item()
-    assert "speed_above_c" not in first(fast, preset="subluminal")["flags"].item()
-    assert float(first(slow, preset="free-speed")["above_c_probability"]) < 0.01
-    three = first(grid_of(on_spiral(75), EVENT, 7.0, v_over_c=0.9), preset="free-speed")
+    assert "speed_above_c" in first(fast, preset=geometry.FREE)["flags"].item()
+    assert "speed_above_c" not in first(slow, preset=geometry.FREE)["flags"].item()
+    assert "speed_above_c" not in first(fast, preset=geometry.BELOW_C)["flags"].item()
+    assert float(first(slow, preset=geometry.FREE)["above_c_probability"]) < 0.01
+    three = first(grid_of(on_spiral(75), EVENT, 7.0, v_over_c=0.9), preset=geometry.FREE)
     assert float(three["above_c_probability"]) == pytest.approx(0.5, abs=0.1)
 
 
@@ -169,7 +170,7 @@ def test_one_bad_arrival_time_of_four_is_survived(receiver) -> None:
     """Four receivers leave one difference to spare: it shows that a time is bad, but not always which."""
     truth = on_spiral(75)
     grid = shifted(grid_of(truth, FOUR, 10.0), receiver, 400.0)
-    plain, robust = (first(grid, preset=name) for name in ("default", "robust"))
+    plain, robust = (first(grid, preset=one) for one in (geometry.PLAIN, geometry.ROBUST))
 
     assert "arrivals_inconsistent" in plain["flags"].item()
     assert not has_truth(grid, Noise(), truth)
@@ -184,7 +185,7 @@ def test_one_bad_arrival_time_of_four_is_survived(receiver) -> None:
 @pytest.mark.parametrize("receiver", range(5))
 def test_one_bad_arrival_time_of_five_is_named(receiver) -> None:
     truth = on_spiral(75)
-    robust = first(shifted(grid_of(truth, FIVE, 7.0), receiver, 400.0), preset="robust")
+    robust = first(shifted(grid_of(truth, FIVE, 7.0), receiver, 400.0), preset=geometry.ROBUST)
 
     assert int(robust["bad_probability"].argmax("observatory")) == receiver
     assert float(robust["bad_probability"].max()) > 0.95

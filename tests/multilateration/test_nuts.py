@@ -46,7 +46,8 @@ def test_areas_modes_and_flags_agree(pair) -> None:
 
     np.testing.assert_allclose(sampled["area68_rsun2"], exact["area68_rsun2"], rtol=0.1)
     np.testing.assert_allclose(sampled["area95_rsun2"], exact["area95_rsun2"], rtol=0.1)
-    assert sampled["flags"].values.tolist() == exact["flags"].values.tolist()
+    of_sampler = sampled["flags"].str.replace(";few_effective_draws", "")
+    assert of_sampler.values.tolist() == exact["flags"].values.tolist()
     assert sampled["modes"].values.tolist() == [1, 1]
 
 

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from tests.multilateration.geometry import CADENCE_S, EVENT, FIVE, first, grid_of, on_spiral
+from tests.multilateration.geometry import CADENCE_S, EVENT, FIVE, ROBUST, first, grid_of, on_spiral
 
 
 def test_noise_free_times_leave_no_residual_where_the_posterior_is_narrow() -> None:
@@ -41,7 +41,7 @@ def test_a_late_time_has_an_unlikely_residual() -> None:
 
     assert float(solved["predictive_p"]) < 1e-3
     assert float(solved["residual_p"].min()) < 0.01
-    robust = first(late, preset="robust", draws=2000)
+    robust = first(late, preset=ROBUST, draws=2000)
     assert int(np.abs(robust["residual_s"]).argmax("observatory")) == 3
     assert float(robust["residual_s"][3]) == pytest.approx(60, abs=10)
 

@@ -189,6 +189,16 @@ def test_width_of_the_light_curve_follows_direction_and_spacecraft() -> None:
     assert 1.2 < other < 1.6, "STEREO-B sees the burst from behind"
 
 
+def test_the_delay_of_a_component_goes_with_its_own_rise() -> None:
+    quick = Companion(harmonic=1, rise_factor=0.6)
+    frequency = np.array([0.4])
+    late, on_time = (heard(replace(BURST, companion=quick, kappa=kappa), frequency, "STEREO-B") for kappa in (0.2, 0.0))
+    own = heard(replace(BURST, harmonic=1, kappa=0.2), frequency, "STEREO-B").arrival_s - on_time.arrival_s[:, 1]
+
+    np.testing.assert_allclose((late.arrival_s - on_time.arrival_s)[:, 1], 0.6 * own[0])
+    np.testing.assert_allclose(on_time.rise_s[:, 1], 0.6 * on_time.rise_s[:, 0])
+
+
 def test_both_components_of_a_pair_are_received() -> None:
     pair = replace(BURST, companion=Companion(harmonic=1, height=0.5, directivity=0.3), directivity=2.0)
     frequency = np.array([0.3, 1.0])

@@ -11,7 +11,7 @@ import pytest
 
 from bella.exceptions import InputError
 from bella.simulation import SimulatedBurst
-from bella.simulation.burst import heard, source_position_rsun
+from bella.simulation.burst import SPEED_LAWS, heard, source_position_rsun
 from bella.simulation.light_curves import PulseLaw
 from bella.simulation.sky import DEPARTURES, draw_burst
 from bella.simulation.strata import FLEETS, STRATA, JudgingSeed, SimulatedCase, isolated_burst, judging_seed
@@ -92,6 +92,8 @@ def test_fleets_are_where_and_as_fast_as_they_were() -> None:
                 near = np.linalg.norm(place["PSP"]) < 0.25 * 215.03
                 assert cadence_s(case, "SOLO") == pytest.approx(17.0)
                 assert cadence_s(case, "PSP") == pytest.approx(6.99 if near else 55.92)
+                # the two bands are sampled in turn
+                assert case.spectra["PSP"].attrs["integration_s"] == pytest.approx(0.5 * cadence_s(case, "PSP"))
                 assert near or fleet != "encounter"
     assert set(isolated_burst("clean", date(2013, 5, 1), 1).datasets) == {"WIND", "STEREO-A", "STEREO-B"}
 
@@ -140,6 +142,11 @@ def test_the_kinds_of_strata() -> None:
     slow = [isolated_burst("slowing", "pair", seed) for seed in range(6)]
     for case in slow:
         assert case.mean_beam_speed_c(np.array([0.15, 0.3])) < 0.97 * case.mean_beam_speed_c(np.array([3.0, 8.0]))
+    for seed in range(6):
+        usual = draw_burst(date(2012, 6, 7), np.random.default_rng(seed))
+        slowed = DEPARTURES["slowing"][1](usual, (), np.random.default_rng(seed))
+        there = SPEED_LAWS[slowed.speed_law](np.array([30.0]), slowed.slowing)[0]
+        assert there * slowed.beam_speed_c == pytest.approx(min(usual.beam_speed_c, 0.8 * there))
     far = [isolated_burst("far side", "pair", seed) for seed in range(5)]
     for case in far:
         assert (source_position_rsun(case.burst, np.array([6.0]))[:, 0] < 0).all()

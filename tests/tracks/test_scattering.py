@@ -18,7 +18,8 @@ from bella.heliosphere import (
 )
 from bella.records import JointTrack, Moment, Parameter
 from bella.tracks.fit import TrackFit
-from bella.tracks.model import Track, TrackModel
+from bella.tracks.likelihood import Evidence, Likelihood
+from bella.tracks.model import Rows, Track, TrackModel
 from bella.tracks.scattering import (
     TABLE,
     apparent_over_true,
@@ -70,7 +71,8 @@ def track_fit_of(phi0_deg: np.ndarray, z: np.ndarray) -> TrackFit:
     )
     track = Track(TrackModel(), (float(BAND_MHZ[0]), float(BAND_MHZ[-1])))
     draws = {"phi0_deg": phi0_deg} if phi0_deg.size else {}
-    return TrackFit(empty, track, EPOCH, draws, z)
+    nothing = Evidence(Rows(np.empty(0), np.empty(0), np.empty((0, 3))), np.empty(0), np.empty((0, 0)), np.empty(0), ())
+    return TrackFit(empty, Likelihood(track, nothing), EPOCH, draws, z)
 
 
 @pytest.fixture(scope="module")

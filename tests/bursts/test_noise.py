@@ -1,0 +1,103 @@
+"""The noise of arrival times is found where it is put in, and states the errors of differences."""
+
+import numpy as np
+import pytest
+
+from bella.bursts.noise import (
+    OUTLIER_SD,
+    Timed,
+    at_frequencies,
+    estimate_noise,
+    noise_columns,
+    outliers,
+    spread_channels,
+)
+
+FREQUENCY_MHZ = np.geomspace(0.2, 2.5, 40)
+NAMES = ("WIND", "STEREO-A", "PSP")
+
+
+def truth_s(frequency_mhz: np.ndarray, number: int) -> np.ndarray:
+    """Times of a beam whose density waves, and of the light from it to three spacecraft."""
+    emitted = 500.0 * frequency_mhz**-0.85 * (1.0 + 0.03 * np.sin(4.0 * np.log(frequency_mhz)))
+    return emitted + (100.0, 220.0, 30.0)[number] + (-0.08, 0.05, 0.02)[number] * emitted
+
+
+def made(random: np.random.Generator, smooth: float = 0.0, channel: float = 0.0, sd_s: float = 0.5) -> Timed:
+    """Arrival times with noise in rise times of 30 s / f."""
+    rise = 30.0 / FREQUENCY_MHZ
+    apart = np.subtract.outer(np.log(FREQUENCY_MHZ), np.log(FREQUENCY_MHZ))
+    root = np.linalg.cholesky(np.exp(-0.5 * (apart / 0.2) ** 2) + 1e-8 * np.eye(rise.size))
+    times = [
+        truth_s(FREQUENCY_MHZ, number)
+        + smooth * rise * (root @ random.normal(size=rise.size))
+        + np.hypot(channel * rise, sd_s) * random.normal(size=rise.size)
+        for number in range(3)
+    ]
+    every = 3 * rise.size
+    return Timed(
+        np.repeat(np.array(NAMES, dtype=object), rise.size),
+        np.tile(FREQUENCY_MHZ, 3),
+        np.concatenate(times),
+        np.tile(rise, 3),
+        np.full(every, sd_s),
+        np.zeros((every, 0)),
+        np.full(every, 0.2),
+    )
+
+
+@pytest.mark.parametrize(("smooth", "channel"), [(0.0, 0.0), (0.15, 0.0), (0.0, 0.1), (0.15, 0.1)])
+def test_noise_is_found_as_large_as_it_is(smooth: float, channel: float) -> None:
+    found = [estimate_noise(made(np.random.default_rng(seed), smooth, channel)) for seed in range(4)]
+    assert np.median([one.shape_share for one in found]) == pytest.approx(smooth, abs=0.02 + 0.3 * smooth)
+    assert np.median([one.channel_share for one in found]) == pytest.approx(channel, abs=0.015 + 0.25 * channel)
+
+
+def test_times_between_channels_are_true_within_their_errors() -> None:
+    away = []
+    for seed in range(6):
+        timed = estimate_noise(made(np.random.default_rng(seed), 0.1, 0.03))
+        along = at_frequencies(timed, np.geomspace(0.25, 2.0, 15))
+        columns = noise_columns(along)
+        sigma = np.sqrt(columns["sigma_s"] ** 2 + columns["shape_sd_s"] ** 2 + columns["offset_sd_s"] ** 2)
+        true = np.concatenate(
+            [truth_s(along.frequency_mhz[along.observatory == name], n) for n, name in enumerate(NAMES)]
+        )
+        away.append((along.arrival_s - true) / sigma)
+    assert 0.7 < np.sqrt(np.mean(np.square(away))) < 1.3
+
+
+def test_a_table_is_surer_than_its_channels_but_not_of_what_they_share() -> None:
+    timed = estimate_noise(made(np.random.default_rng(3), 0.1, 0.0, sd_s=4.0))
+    along = noise_columns(at_frequencies(timed, FREQUENCY_MHZ[5:-5]))
+    channels = noise_columns(timed.take(np.flatnonzero(np.isin(timed.frequency_mhz, FREQUENCY_MHZ[5:-5]))))
+    assert (along["sigma_s"] < 0.8 * channels["sigma_s"]).all()
+    np.testing.assert_allclose(along["shape_sd_s"], channels["shape_sd_s"], rtol=1e-6)
+
+
+@pytest.mark.parametrize(("away_sd", "kept"), [(OUTLIER_SD - 2.0, True), (OUTLIER_SD + 3.0, False)])
+def test_only_channels_far_from_the_others_are_outliers(away_sd: float, kept: bool) -> None:
+    timed = made(np.random.default_rng(1), sd_s=2.0)
+    timed.arrival_s[20] = truth_s(FREQUENCY_MHZ[20:21], 0)[0] + away_sd * np.sqrt(
+        2.0**2 + (0.06 * timed.rise_s[20]) ** 2
+    )
+    wrong = outliers(timed)
+    assert wrong[20] != kept
+    assert wrong.sum() <= 2
+
+
+def test_errors_that_all_share_cancel_in_differences_of_any_number() -> None:
+    one = made(np.random.default_rng(2))
+    same = np.ones((one.arrival_s.size, 1)) * 5.0
+    own = 5.0 * np.array([[name == other for other in NAMES] for name in one.observatory], dtype=float)
+    for number in (2, 3):
+        rows = np.flatnonzero(np.isin(one.observatory, NAMES[:number]))
+        shared = noise_columns(Timed(**{**vars(one), "shared_s": same}).take(rows))["shape_sd_s"]
+        alone = noise_columns(Timed(**{**vars(one), "shared_s": own}).take(rows))["shape_sd_s"]
+        np.testing.assert_allclose(shared, 0.0, atol=1e-9)
+        np.testing.assert_allclose(alone, 5.0)
+
+
+def test_thick_sets_of_channels_are_thinned() -> None:
+    one = made(np.random.default_rng(2))
+    assert len(spread_channels(one, 10)) == 30
