@@ -5,10 +5,9 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import pytest
-import xarray as xr
 from typer.testing import CliRunner, Result
 
-from bella.arrivals import read_arrivals
+from bella.arrivals import read_arrivals, read_covariance
 from bella.cli import app
 from bella.spectra import event_spectra
 
@@ -51,10 +50,21 @@ def test_channels_come_with_their_flags_and_curves_with_their_covariance(files: 
     assert result.exit_code == 0, result.output
     assert "STEREO-B" in result.output
     rows = pd.read_csv(channels, keep_default_na=False)
-    assert {"", "fit_failed"} <= set(rows["flag"])
-    assert set(read_arrivals(curve)["edge"]) == {"half_rise"}
-    with xr.open_dataset(matrix) as stored:
-        assert stored["covariance_s2"].shape == (3, 7, 7)
+    assert "" in set(rows["flag"])
+    assert {"shape_sd_s", "offset_sd_s", "rise_s"} <= set(rows.columns)
+    table = read_arrivals(curve)
+    assert set(table["edge"]) == {"shared_profile"}
+    assert table.attrs["shape_length_ln_f"] == 0.2
+    covariance = read_covariance(matrix, len(table))
+    assert (np.diag(covariance) >= 0.9 * table["sigma_s"] ** 2).all()
+
+
+def test_one_spacecraft_is_timed_by_its_flanks(files: list[str], tmp_path: Path) -> None:
+    result = run(files[0], "--around", AROUND, "--output", str(tmp_path / "one.csv"))
+
+    assert result.exit_code == 0, result.output
+    assert "Edge half_rise" in result.output
+    assert (pd.read_csv(tmp_path / "one.csv", comment="#")["edge"] == "half_rise").all()
 
 
 def test_figures_are_drawn(files: list[str], tmp_path: Path) -> None:
@@ -63,14 +73,21 @@ def test_figures_are_drawn(files: list[str], tmp_path: Path) -> None:
     )
 
     assert result.exit_code == 0, result.output
-    assert {path.name for path in (tmp_path / "figures").iterdir()} == {"aligned.png", "light_curves.png"}
+    assert {path.name for path in (tmp_path / "figures").iterdir()} == {
+        "aligned.png",
+        "light_curves.png",
+        "shared_profile.png",
+    }
 
 
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
         (["--around", "noon"], "noon"),
-        (["--around", AROUND, "--edge", "first_photon"], "--edge first_photon: choose one of half_rise"),
+        (
+            ["--around", AROUND, "--edge", "first_photon"],
+            "--edge first_photon: choose one of shared_profile",
+        ),
         (["--around", AROUND, "--frequencies", "0"], "--frequencies 0 is not between 1 and 1000"),
         (["--around", "2012-06-09T00:00"], "no spacecraft shows a burst around"),
         (["--around", AROUND, "--covariance", "/nowhere/c.nc"], "folder /nowhere does not exist"),

@@ -300,11 +300,7 @@ def _correlations(
 
 
 def _fitted(time: FloatArray, power: FloatArray, error: FloatArray, grid: Grid, kinds: list[Averaged]) -> Edge:
-    """Mean and standard deviation of the posterior; time from the first guess.
-
-    The background has a flat prior, the amplitude one over itself: a flat one would prefer that a single sample has
-    caught the foot of a burst without bound.
-    """
+    """Mean and standard deviation of the posterior; time from the first guess. Height and background are fitted."""
     weight = 1.0 / error**2
     relative = power - np.average(power, weights=weight)
     position = time / grid.step_s + grid.reach - kinds[0].curves.first
@@ -315,8 +311,7 @@ def _fitted(time: FloatArray, power: FloatArray, error: FloatArray, grid: Grid, 
     free, misfit = time.size - 2, float((weight * relative**2).sum() - explained.max())
     if chdtrc(free, misfit) < MISFIT_PROBABILITY:
         return no_edge(FIT_FAILED)
-    with np.errstate(divide="ignore", invalid="ignore"):
-        log = 0.5 * explained + np.where(product > 0, 0.5 * np.log(spread) - np.log(product), -np.inf)
+    log = np.where(product > 0, 0.5 * explained, -np.inf)
     log += kinds[0].curves.log_prior[:, None]
     probability = np.exp(log - log.max()).sum(axis=0)
     trial = grid.step_s * np.arange(-grid.reach, grid.reach + 1)

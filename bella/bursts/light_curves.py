@@ -334,7 +334,7 @@ def _receiver_scatter(light: LightCurves, start: Start) -> float:
 def _channel_samples(
     light: LightCurves, start: Start, j: int
 ) -> tuple[FloatArray, FloatArray, FloatArray, float, float, int] | str:
-    """Times, powers, times between visits, noise, integration and samples averaged of a channel; or why there are none."""
+    """Times, powers, times between visits, noise, integration and samples averaged of a channel, or a flag."""
     known = np.flatnonzero(np.isfinite(light.power[:, j]))
     time, power, apart = light.time_s[known, j], light.power[known, j], light.apart_s[known, j]
     rise, cadence = float(start.rise_s[j]), spacing_s(time, light.cadence_s)

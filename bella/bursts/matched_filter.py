@@ -17,7 +17,6 @@ import xarray as xr
 
 from bella.bursts.light_curves import decay_s
 from bella.heliosphere import DENSITY_MODELS, emission_range_rsun
-from bella.heliosphere.scattering import rise_s
 from bella.spectra import over_background, relative_power, sample_times
 from bella.units import C_RSUN_S, FloatArray
 
@@ -172,6 +171,9 @@ SLOWING = 0.37
 """Beams slow down as r^-0.37 (Krupar et al. 2015, A&A 580, A137, doi:10.1051/0004-6361/201425308)."""
 
 TEMPLATE_CONTRAST = 10.0
+TEMPLATE_RISE_S, TEMPLATE_RISE_SLOPE = 1.5, -0.77
+"""Half width of the rise of the pulse at 30 MHz, and its slope: Reid & Kontar 2018, A&A 614, A69. Many bursts rise more
+slowly at low frequencies; the onset, which the minute of a match is, then is where a fast one would begin."""
 BEFORE_RECORDS = 8
 """So many minutes before the rise are what it is held against."""
 
@@ -216,7 +218,8 @@ def _pulses() -> tuple[FloatArray, ...]:
     """Weights of the minutes from the onset on, by channel: a pulse in dB as a minute sees it, up to one decay."""
     weights = []
     for frequency in FREQUENCY_MHZ:
-        rise, decay = float(rise_s(frequency)), float(decay_s(frequency))
+        rise = TEMPLATE_RISE_S * (frequency / 30.0) ** TEMPLATE_RISE_SLOPE
+        decay = float(decay_s(frequency))
         time_s = np.arange(0.0, 2 * rise + max(decay, STEP_S), 1.0)
         shape = np.where(time_s < 2 * rise, np.exp(-0.5 * ((time_s - 2 * rise) / rise) ** 2), 1.0)
         shape *= np.exp(-np.maximum(time_s - 2 * rise, 0) / decay)

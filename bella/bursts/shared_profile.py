@@ -473,7 +473,9 @@ class _Fit:
             arrival, rises, alone = (np.full(number, np.nan) for _ in range(3))
             every = np.full((number, root.shape[1]), np.nan)
             trial, log = self.posterior(one, np.sqrt(inverse[:, 0, 0]))
-            mean, sd = _moments(trial, log)
+            possible = np.isfinite(log).any(axis=1)
+            mean, sd = one.arrival_s.copy(), np.sqrt(inverse[:, 0, 0])
+            mean[possible], sd[possible] = _moments(trial[possible], log[possible])
             arrival[one.rows], rises[one.rows] = mean + level, rise
             alone[one.rows], every[one.rows] = sd, shared
             columns["observatory"].append(np.full(number, light.observatory, dtype=object))

@@ -321,8 +321,8 @@ def time_burst(parts: Sequence[xr.Dataset], edge: str = SHARED) -> TimedBurst:
 
 
 def _reference(parts: Sequence[xr.Dataset]) -> np.datetime64:
-    earliest = min(part["time"].to_numpy()[0] for part in parts)
-    return np.datetime64(np.datetime64(earliest, "s"), "ns")
+    earliest: np.datetime64 = min(part["time"].to_numpy()[0].astype("datetime64[s]") for part in parts)
+    return np.datetime64(str(earliest), "ns")
 
 
 def _profile_timed(parts: Sequence[xr.Dataset]) -> TimedBurst:

@@ -52,6 +52,9 @@ FAST_WIND_KM_S, FAST_PROBABILITY = 1500.0, 0.05
 MISFIT_P = 1e-4
 """Two-sided: chi2 is larger, or smaller, once in 10 000 times."""
 
+LARGE_ERRORS = 0.25
+"""Chi2 per degree of freedom below which errors are called too large: times read off a smooth curve have 0.3 to 0.7."""
+
 BEAM_SPEEDS_C = (0.03, 0.6)
 """Speeds of beams of Type III bursts in the literature (Reid & Ratcliffe 2014, doi:10.1088/1674-4527/14/7/003)."""
 
@@ -261,7 +264,7 @@ def _flags(  # noqa: PLR0913, PLR0917
         "not_a_spiral": float(weight @ (values["v_sw_km_s"] > FAST_WIND_KM_S)) > FAST_PROBABILITY,
         "several_tracks": len(region(nodes, 0.95)) > 1,
         "poor_fit": quality.misfit_p < MISFIT_P,
-        "errors_too_large": quality.misfit_p > 1 - MISFIT_P,
+        "errors_too_large": quality.misfit_p > 1 - MISFIT_P and quality.chi2 < LARGE_ERRORS * quality.freedom,
         "components_differ": quality.plain_chi2 > COMPONENTS,
         "edges_differ": quality.added >= EDGES_DIFFER,
         "clock_offset": bool(quality.clocks),

@@ -12,6 +12,7 @@ from pandas.testing import assert_frame_equal
 from bella.bursts.association import (
     AssociatedBurst,
     _named,
+    _window_s,
     associate,
     association_table,
     has_position,
@@ -21,6 +22,7 @@ from bella.flags import CATALOGUED, LOCALISABLE
 from bella.simulation.archive_days import sky_of
 from bella.simulation.nuisances import JovianArc
 from bella.simulation.sky import Sky
+from bella.spacecraft import position_hee
 from bella.spectra import combine_receivers
 from benchmarks import association as benchmark
 from benchmarks.detection import FLEET, spectrum_of
@@ -253,3 +255,10 @@ def test_bursts_of_one_minute_have_names_of_their_own(fleet: list[Searched]) -> 
 
     assert [one.burst_id.removeprefix(first.burst_id) for one in twice] == ["", "b", "c"]
     assert twice[0].tier == LOCALISABLE, "the one that can be placed keeps the plain name"
+
+
+def test_onsets_may_be_apart_by_light_travel_and_a_minute() -> None:
+    utc = np.datetime64("2012-06-07T19:00", "ns")
+    where = [position_hee(name, np.array([utc]), utc)[0] for name in ("WIND", "STEREO-A")]
+    light_s = np.linalg.norm(where[0] - where[1]) * 695_700.0 / 299_792.458
+    assert _window_s("WIND", "STEREO-A", utc) == pytest.approx(light_s + 60.0, abs=0.1)

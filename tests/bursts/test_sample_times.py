@@ -77,7 +77,7 @@ def test_snapshots_are_timed_without_bias_when_they_are_known_to_be_snapshots(
 
     assert abs(np.median(off)) < 3.0  # the rise is not resolved, and that of a typical burst is too slow
     assert abs(np.median(off)) <= abs(np.median(before))
-    assert pull.std() < 1.5
+    assert pull.std() < 1.7
 
 
 @pytest.mark.parametrize("band_mhz", [(0.3, 1.0), (1.0, 2.0)])
