@@ -1,27 +1,35 @@
 """The track of a burst: how long the fit takes beside PyMC on the same density, and how often its intervals are right.
 
-Run with ``python -m benchmarks.tracks [--bursts 200] [--seed 5000]``. The bursts are those of `tests.tracks.foreign`,
-of laws that the fit does not know: the density of Saito et al. (1977), fundamental or harmonic, beams that keep their
-speed or slow down, delays that grow with the viewing angle, and errors of edges that are sums of waves along frequency.
+Run with ``python -m benchmarks.tracks [--bursts 200] [--seed 5000] [--two-step 100]``. The bursts are those of
+`tests.tracks.foreign`, of laws that the fit does not know: the density of Saito et al. (1977), fundamental or harmonic,
+beams that keep their speed or slow down, delays that grow with the viewing angle, and errors of edges that are sums of
+waves along frequency.
 """
 
 import argparse
 import time
 import warnings
 from collections import Counter
+from collections.abc import Mapping, Sequence
 from importlib import import_module
 from typing import Any
 
 import numpy as np
+import pandas as pd
 from rich.console import Console
+from rich.progress import track as progress
 from rich.table import Table
 from scipy.stats import binomtest
 
-from bella.records import Interval, JointTrack
+from bella.arrivals import POSITION, ArrivalGrid
+from bella.bursts import fit_time_evolution
+from bella.multilateration import localise
+from bella.records import Interval, JointTrack, Parameter
 from bella.tracks import fit_track
 from bella.tracks.likelihood import Likelihood
 from bella.tracks.model import FASTEST, LN_RANGE, SLOWEST
 from bella.tracks.posterior import Draws, around_the_circle, sample
+from bella.tracks.spiral import track_fit
 from bella.units import C_RSUN_S, FloatArray, within_half_turn_deg
 from benchmarks.localisation import Row
 from tests.tracks.foreign import Burst, drawn
@@ -29,6 +37,9 @@ from tests.tracks.foreign import Burst, drawn
 BURSTS, JUDGING_SEED = 200, 5000
 STRATA = {"constant beams": False, "slowing beams": True}
 CHECKED = {"phi0_deg": "longitude, deg", "v_sw_km_s": "wind, km/s", "beam_speed_c": "beam, c"}
+TWO_STEP = ("phi0_deg", "v_sw_km_s")
+READ_AT, FEW_DRAWS = 200, 100
+Fitted = JointTrack | Mapping[str, Parameter]
 COLUMNS = ("bursts", "parameter", "in 68 %", "in 95 %", "median error", "half of the 68 % interval")
 
 TIMED_SEED = 5004
@@ -169,9 +180,9 @@ def _fitted(seed: int, slowing: bool) -> tuple[Burst, JointTrack]:
     return burst, fit_track(grid).record
 
 
-def _row(label: str, name: str, judged: list[tuple[Burst, JointTrack]]) -> tuple[str, ...]:
+def _row(label: str, name: str, judged: Sequence[tuple[Burst, Fitted]]) -> tuple[str, ...]:
     low, high, lowest, highest, middle = (
-        np.array([getattr(getattr(record, name), end) for _, record in judged], dtype=np.float64)
+        np.array([getattr(_number(fit, name), end) for _, fit in judged], dtype=np.float64)
         for end in ("q16", "q84", "q2_5", "q97_5", "q50")
     )
     truth = np.array([getattr(burst, "mean_speed_c" if name == "beam_speed_c" else name) for burst, _ in judged])
@@ -180,6 +191,39 @@ def _row(label: str, name: str, judged: list[tuple[Burst, JointTrack]]) -> tuple
     held = share((low <= truth) & (truth <= high)), share((lowest <= truth) & (truth <= highest))
     error, width = np.median(np.abs(middle - truth)), np.median(0.5 * (high - low))
     return label, CHECKED[name], *held, f"{error:.2g}", f"{width:.2g}"
+
+
+def _number(fit: Fitted, name: str) -> Parameter:
+    number: Parameter = fit[name] if isinstance(fit, Mapping) else getattr(fit, name)
+    return number
+
+
+def in_two_steps(bursts: int, seed: int) -> list[tuple[str, ...]]:
+    """Rows of the two-step fit as published: 200 positions on smooth curves t(f), and a line through them.
+
+    Its errors are those of independent points (Canizares et al. 2024, doi:10.1051/0004-6361/202347747).
+    """
+    judged = []
+    for number in progress(range(seed, seed + bursts), "two-step"):
+        burst, grid = drawn(number)
+        line = track_fit(localise(_curves(grid), draws=FEW_DRAWS))["two_step"]
+        judged.append((burst, {name: Parameter.model_validate(line[name]) for name in TWO_STEP}))
+    return [_row("two-step" if name == "phi0_deg" else "", name, judged) for name in TWO_STEP]
+
+
+def _curves(grid: ArrivalGrid) -> pd.DataFrame:
+    """Arrival table of the curve t(f) of each spacecraft, read at many frequencies."""
+    frequency_mhz = np.geomspace(grid.frequency_mhz[0], grid.frequency_mhz[-1], READ_AT)
+    parts = []
+    for column, name in enumerate(grid.observatories):
+        curve = fit_time_evolution(grid.frequency_mhz, grid.arrival_s[:, column], grid.sigma_s[:, column])
+        late = np.rint(curve.arrival_s(frequency_mhz) * 1e9).astype("timedelta64[ns]")
+        place = dict(zip(POSITION, grid.receiver_rsun[0, column], strict=True))
+        times = {"frequency_mhz": frequency_mhz, "arrival_utc": grid.reference_utc + late}
+        parts.append(
+            pd.DataFrame(times).assign(observatory=name, sigma_s=grid.sigma_s[0, column], edge="none", **place)
+        )
+    return pd.concat(parts, ignore_index=True)
 
 
 def _holds(region: tuple[Interval, ...], longitude_deg: float) -> bool:
@@ -204,6 +248,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--bursts", type=int, default=BURSTS)
     parser.add_argument("--seed", type=int, default=JUDGING_SEED)
+    parser.add_argument("--two-step", type=int, default=0, help="bursts to fit in two steps as well")
     asked = parser.parse_args()
     speed, held = Table(title="One track"), Table(title=f"{asked.bursts} bursts each")
     for name in ("what", "measured", "target"):
@@ -213,7 +258,7 @@ def main() -> None:
     for one in engines():
         speed.add_row(*one)
     rows, flags = coverage(asked.bursts, asked.seed)
-    for row in rows:
+    for row in (*rows, *(in_two_steps(asked.two_step, asked.seed) if asked.two_step else ())):
         held.add_row(*row)
     console = Console(width=150)
     console.print(speed, held)
