@@ -7,7 +7,7 @@ from api.rendering import written_interval, written_number
 from bella.flags import DISAGREE_SD
 
 Fit = Mapping[str, Any]
-INGREDIENTS = {"arrival_times": "arrival times", "wave_directions": "wave directions", "wind_prior": "measured wind"}
+INGREDIENTS = {"wave_directions": "wave directions", "wind_prior": "speeds of the measured wind"}
 
 
 def crossing_words(companions: Fit) -> str:
@@ -55,13 +55,10 @@ def fused_words(companions: Fit) -> str:
 
 
 def _ingredient(one: Fit) -> str:
-    name = INGREDIENTS[one["name"]].capitalize()
-    begin = f"{name}: χ² {one['chi2']:.1f} for {one['number']} {'value' if one['number'] == 1 else 'values'}"
-    if not one["sd_ratio"]:
-        return f"{begin}; without them there is no track."
     longitude, wind = (f"{one['sd_ratio'][parameter]:.2f}" for parameter in ("phi0_deg", "v_sw_km_s"))
     apart = " They contradict the others." if one["tension"] > DISAGREE_SD else ""
     return (
-        f"{begin}; with them the error of the longitude is {longitude} and that of the wind {wind} times what it is "
-        f"without; {one['tension']:.1f} standard deviations from the others.{apart}"
+        f"With the {INGREDIENTS[one['name']]} the 68 % interval of the longitude is {longitude} times and that of the "
+        f"wind {wind} times as wide as without; they move the answer by {one['tension']:.1f} standard "
+        f"deviations.{apart}"
     )

@@ -277,8 +277,9 @@ class TrackFitReply(Reply):
     )
     joint: dict[str, Any] | None = Field(
         default=None,
-        description="Spiral, wind, beam and density law fitted to the arrival times of all frequencies together; its "
-        "draws are `joint_draws` of the Zarr group. Flags: docs/quality-flags.md, track fit.",
+        description="One source on one spiral, fitted to the arrival times of all frequencies together; distance "
+        "and time of emission are free (docs/tracks.md). Its draws are `joint_draws` of the Zarr group. Flags: "
+        "docs/quality-flags.md, track fit.",
     )
     two_step: dict[str, Any] | None = Field(
         default=None, description="Line through the positions; errors are formal and too small."

@@ -29,8 +29,6 @@ ROWS = {
     "v_sw_km_s": ("Solar wind (km/s)", 0),
     "beam_speed_c": ("Beam (c)", 3),
     "release_utc": ("Beam at 1 R☉ (UTC)", 0),
-    "a_rsun": ("Distance at 0.55 MHz (R☉)", 1),
-    "b": ("Exponent of the distance", 3),
 }
 """Words and decimals of each parameter."""
 

@@ -15,7 +15,7 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 from rich.console import Console
 from rich.table import Table
 
-from benchmarks import detection, edges, joint, solar_wind, spectra
+from benchmarks import detection, edges, solar_wind, spectra, tracks
 from benchmarks.localisation import engines
 
 IMPORTS = {"bella": "500 ms", "bella.cli": "500 ms", "bella.multilateration": ""}
@@ -57,7 +57,7 @@ def main() -> None:
         table.add_column(name, justify="left" if name == "what" else "right")
     rooms = (spectra, edges, detection, solar_wind)
     measured = (row for room in rooms for row in room.rows())
-    for row in (*engines(), *joint.engines(), *measured, *commands()):
+    for row in (*engines(), *tracks.engines(), *measured, *commands()):
         table.add_row(*row)
     Console(width=100).print(table)
 

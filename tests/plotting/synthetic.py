@@ -149,14 +149,14 @@ def synthetic_joint(phi0: float, speed: float) -> dict:
         return {"mean": mean, "sd": sd, "q2_5": low, **middle, "q97_5": high, "contraction": 0.3}
 
     return {
-        "model": "joint spiral",
+        "model": "free distance, free time of emission",
         "phi0_deg": quantity(phi0 - 1.0, 4.4, phi0 - 10.0, phi0 + 8.0),
         "v_sw_km_s": quantity(1.1 * speed, 0.2 * speed, 0.8 * speed, 1.6 * speed)
         | {"q16": 0.9 * speed, "q50": 1.05 * speed, "q84": 1.25 * speed},
-        "a_rsun": quantity(35.9, 1.6, 32.9, 39.0),
-        "b": quantity(-1.05, 0.04, -1.13, -0.97),
         "beam_speed_c": quantity(0.5, 0.02, 0.46, 0.54),
         "release_utc": {"mean": "2012-06-07T19:20:29.779Z", "sd": 8.8},
+        "chi2": 88.0,
+        "freedom": 85,
         "misfit_p": 0.4,
         "rotation_period_d": PERIOD_D,
         "flags": [],
