@@ -263,7 +263,8 @@ def _outcome(
     """Solution of one series: the one that is there if its inputs are the same, else a new version."""
     arrivals = place(given.arrivals[series.edge])
     channels = given.channel_arrivals.get(series.edge)
-    timing = Timing(arrivals, None if channels is None else place(channels), given.directions)
+    is_first = series.edge == next(iter(given.arrivals))
+    timing = Timing(arrivals, None if channels is None else place(channels), given.directions, is_first)
     checksum = inputs_hash(timing, given.sources, series, settings)
     bound = log.bind(burst_id=given.burst.burst_id, edge=series.edge, preset=series.preset)
     same = catalogue.find_solution(given.burst.burst_id, series, checksum, bella.__version__)

@@ -54,11 +54,14 @@ class Timing:
         Located arrival table of the channels themselves, for the joint fit; None: it is made from `arrivals`.
     directions : DataFrame or None
         Wave directions of the burst, where its spectra carry them.
+    compared : bool
+        Whether models with laws are weighed beside the track: done for one edge of a burst.
     """
 
     arrivals: pd.DataFrame
     channels: pd.DataFrame | None = None
     directions: pd.DataFrame | None = None
+    compared: bool = True
 
 
 def fitted_track(
@@ -127,7 +130,7 @@ def companions(  # noqa: PLR0913, PLR0917
         "scattering": scattering,
         "footpoint": attempted(lambda: footpoint_of(fit, grid.observatories, around)),
         "wind": wind,
-        "models": attempted(lambda: models_companion(fit, grid, seed)),
+        **({"models": attempted(lambda: models_companion(fit, grid, seed))} if timing.compared else {}),
         "triangulation": attempted(lambda: triangulation_companion(terms)),
         "fused": attempted(lambda: fused_companion(fit, grid, terms, known_wind(wind, fit.track.band_mhz), seed)),
     }

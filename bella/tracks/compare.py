@@ -98,11 +98,18 @@ def compare_models(fit: TrackFit, grid: ArrivalGrid, seed: int = 0) -> list[Mode
     fits = []
     for model in models_of(fit, grid.frequency_mhz):
         track = Track(model, fit.track.band_mhz)
-        fits.append(refit(fit, grid, replace(fit.likelihood, track=track), draws=DRAWS, seed=seed))
+        likelihood = replace(fit.likelihood, track=track)
+        fits.append(refit(fit, grid, likelihood, draws=DRAWS, seed=seed, starts=_near(fit)))
     log_evidence = np.array([one.record.log_evidence for one in fits], dtype=np.float64)
     share = np.exp(log_evidence - logsumexp(log_evidence))
     best = float(log_evidence.max())
     return [ModelEvidence(fits[i], float(log_evidence[i]) - best, float(share[i])) for i in np.argsort(-log_evidence)]
+
+
+def _near(fit: TrackFit) -> list[tuple[float, float]]:
+    """Distance and wind of a fit, for others to begin with, in standard deviations of their priors."""
+    level = fit.z[:, fit.track.winds + 1]
+    return [(float(np.median(level)), float(np.median(fit.z[:, 0])))]
 
 
 def models_companion(fit: TrackFit, grid: ArrivalGrid, seed: int = 0) -> dict[str, Any]:

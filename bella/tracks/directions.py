@@ -9,8 +9,8 @@ the inverse root of it.
 Directions come from a table, or from spectra that carry them: one per channel, at the peak of its flux, where the burst
 outshines the background and scattering has turned the waves least (Krupar et al. 2012, J. Geophys. Res. 117, A06101,
 doi:10.1029/2011JA017333). STEREO gives its angles in HEE, Wind in a frame with X to the Sun and Z to solar north.
-Angles towards the source and along the wave vector are half a turn apart; the Sun tells which is meant, since no burst that
-leaves it is behind a spacecraft in most of its channels.
+Angles towards the source and along the wave vector are half a turn apart; the Sun tells which is meant, since no burst
+that leaves it is behind a spacecraft in most of its channels.
 """
 
 import math

@@ -13,7 +13,7 @@ from bella.records import Interval, JointTrack, Moment, NoiseOfEdges, Parameter,
 from bella.tracks.directions import DirectionTerms
 from bella.tracks.likelihood import Likelihood, evidence_of
 from bella.tracks.model import WIND_KM_S, Track, TrackModel
-from bella.tracks.posterior import Draws, Nodes, around_the_circle, cells, reweighted, sample
+from bella.tracks.posterior import STARTS, Draws, Nodes, Starts, around_the_circle, cells, reweighted, sample
 from bella.tracks.quality import (
     COMPONENTS,
     EDGES_DIFFER,
@@ -142,7 +142,15 @@ def fit_track(
     return _fitted(likelihood, nodes, quality, grid, draws, np.random.default_rng(seed))
 
 
-def refit(fit: TrackFit, grid: ArrivalGrid, likelihood: Likelihood, *, draws: int = DRAWS, seed: int = 0) -> TrackFit:
+def refit(  # noqa: PLR0913
+    fit: TrackFit,
+    grid: ArrivalGrid,
+    likelihood: Likelihood,
+    *,
+    draws: int = DRAWS,
+    seed: int = 0,
+    starts: Starts = STARTS,
+) -> TrackFit:
     """Fit another model, or with other directions, to the arrival times and the noise that a fit used in the end.
 
     Parameters
@@ -153,13 +161,15 @@ def refit(fit: TrackFit, grid: ArrivalGrid, likelihood: Likelihood, *, draws: in
     likelihood : Likelihood
     draws : int
     seed : int
+    starts : sequence of (float, float)
+        Distances and winds to begin with, in standard deviations of their priors.
 
     Returns
     -------
     TrackFit
     """
     likelihood = replace(likelihood, seen=fit.likelihood.seen)
-    nodes = around_the_circle(likelihood)
+    nodes = around_the_circle(likelihood, starts)
     quality = quality_of(likelihood, nodes, grid)
     return _fitted(likelihood, nodes, quality, grid, draws, np.random.default_rng(seed))
 

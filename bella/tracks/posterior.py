@@ -5,6 +5,7 @@ So the posterior of the longitude is a table on the circle, and a second track c
 and its Gaussians are weighted by the exact density.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -16,7 +17,8 @@ from bella.units import FloatArray
 COARSE = 48
 """Longitudes of the first grid: 7.5 degrees apart."""
 
-STARTS = ((0.0, 0.0), (-1.5, 0.0), (1.5, 0.0))
+Starts = Sequence[tuple[float, float]]
+STARTS: Starts = ((0.0, 0.0), (-1.5, 0.0), (1.5, 0.0))
 """Distance and wind that Gauss-Newton begins with, in standard deviations of their priors."""
 
 KEPT = 14.0
@@ -142,12 +144,14 @@ def climb(likelihood: Likelihood, phi0_rad: FloatArray, z: FloatArray, iteration
     return Nodes(phi0_rad, z, density, hessian)
 
 
-def around_the_circle(likelihood: Likelihood) -> Nodes:
+def around_the_circle(likelihood: Likelihood, starts: Starts = STARTS) -> Nodes:
     """Nodes on the circle, close together where the posterior is.
 
     Parameters
     ----------
     likelihood : Likelihood
+    starts : sequence of (float, float)
+        Distances and winds to begin with, in standard deviations of their priors.
 
     Returns
     -------
@@ -158,7 +162,7 @@ def around_the_circle(likelihood: Likelihood) -> Nodes:
     track = likelihood.track
     level = track.winds + 1
     tried = []
-    for distance, wind in STARTS:
+    for distance, wind in starts:
         begin = np.zeros((COARSE, track.size))
         begin[:, level], begin[:, 0] = distance, wind
         tried.append(climb(likelihood, phi0, begin, FIRST_ITERATIONS))
