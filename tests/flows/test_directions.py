@@ -18,8 +18,8 @@ from flows.solar_wind import surroundings_of
 from flows.tracks import Timing, fitted_track
 
 DAY, SEED = date(2012, 6, 5), 1
-PHI0_DEG = -62.0
-"""Of the burst that is released at 18:43:00."""
+PHI0_DEG = -79.2
+"""Of the burst that is released at 16:28:52."""
 
 EDGE = "half_rise"
 
@@ -34,7 +34,7 @@ def heard(tmp_path_factory: pytest.TempPathFactory) -> HeardDay:
 
 @pytest.fixture(scope="module")
 def given(heard: HeardDay) -> BurstInput:
-    (burst,) = [one for one in heard.bursts if one.start_utc.hour == 18]
+    (burst,) = [one for one in heard.bursts if one.start_utc.hour == 16]
     found = place_burst(heard, burst, "burst")
     assert isinstance(found, BurstInput), found
     return found
