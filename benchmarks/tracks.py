@@ -189,7 +189,7 @@ def _row(label: str, name: str, judged: Sequence[tuple[Burst, Fitted]]) -> tuple
     if name == "phi0_deg":
         truth = middle + within_half_turn_deg(truth - middle)
     held = share((low <= truth) & (truth <= high)), share((lowest <= truth) & (truth <= highest))
-    error, width = np.median(np.abs(middle - truth)), np.median(0.5 * (high - low))
+    error, width = np.nanmedian(np.abs(middle - truth)), np.nanmedian(0.5 * (high - low))
     return label, CHECKED[name], *held, f"{error:.2g}", f"{width:.2g}"
 
 

@@ -165,7 +165,7 @@ def test_final_track_in_two_parts_has_no_single_longitude() -> None:
 
 def test_no_track_says_why() -> None:
     few = answer_of(track(Parameter(), flags=("too_few_frequencies",)), PLACES)
-    assert few.sentence.startswith("no track (fewer than four frequencies, or no more arrival times than parameters), ")
+    assert few.sentence.startswith("no track (fewer than four frequencies, or than twelve arrival times), ")
     assert not few.has_track
     assert answer_of(None, PLACES).sentence == "no track (none was fitted), 13 to 91 R_sun, grade D"
     assert answer_of(None, ()).sentence == "no track (none was fitted), grade D"

@@ -4,6 +4,7 @@ import re
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 import yaml
 
@@ -20,9 +21,11 @@ from bella.flags import (
     SERIOUS_FLAGS,
     TRACK_FLAGS,
 )
+from bella.heliosphere.scattering import LITERATURE_DELAY
 from bella.multilateration import METHODS, PRESETS
 from bella.settings import Settings
 from bella.spectra import PRODUCTS
+from bella.tracks import model
 from tests.service_processes.compose import ROOT, VARIABLE, composed, services
 
 DOCUMENTS = sorted([*ROOT.glob("*.md"), *(ROOT / "docs").glob("*.md")])
@@ -78,6 +81,25 @@ def test_grades_and_the_flags_that_decide_them_are_described() -> None:
     assert f"at most {BEST_HALF_WIDTH_DEG:g}°" in page
     assert f"at most {GOOD_HALF_WIDTH_DEG:g}°" in page
     assert f"between {MISFIT_TAIL:g} and {1 - MISFIT_TAIL:g}" in page
+
+
+def test_priors_of_the_track_are_those_of_the_model() -> None:
+    page = (ROOT / "docs" / "tracks.md").read_text(encoding="utf-8")
+    table = page[: page.index("**It assumes no density law")]
+    flat_s = ", ".join(f"{sd:g}" for sd in model.EMISSION_FLAT_S[:-1])
+    for words in (
+        f"{model.WIND_KM_S:g} km/s over v is 1 ± {model.SLOWNESS_SD:g}",
+        f"v from {model.WIND_KM_S / model.FASTEST:.0f} to {model.WIND_KM_S / model.SLOWEST:g} km/s",
+        f"{model.LEVEL_RSUN:g} R☉ at {model.LEVEL_MHZ:g} MHz within a factor of {np.exp(model.LEVEL_SD):.0f}",
+        f"is {model.SLOPE:g} ± {model.SLOPE_SD:g}",
+        f"departs from a power law by {model.BEND_SD:g}, correlated over {model.BEND_LENGTH:g} in ln f",
+        f"with {flat_s} and {model.EMISSION_FLAT_S[-1]:g} s",
+        f"departure of {model.EMISSION_SMOOTH_S:g} s ({model.LEVEL_MHZ:g} MHz / f)",
+        f"kappa {LITERATURE_DELAY.kappa:g} ± {LITERATURE_DELAY.kappa_sd:.2f}",
+    ):
+        assert words in table, words
+    beams = f"({model.BEAM_SPEED_C:g} c, ln v ± {model.BEAM_LN_SD:g}) or one that slows as r^-d "
+    assert f"{beams}(d = {model.SLOWING:g} ± {model.SLOWING_SD:g})" in " ".join(page.split())
 
 
 def test_rule_of_the_preferred_edge_is_described_in_its_order() -> None:
