@@ -106,12 +106,17 @@ HARMLESS_FLAGS = frozenset({"speed_not_constrained", "formal_errors", "v_sw_not_
 SERIOUS_FLAGS = frozenset(
     {
         "arrivals_inconsistent",
+        "beam_speed_unlikely",
+        "clock_offset",
+        "edges_differ",
         "ingredients_disagree",
         "multimodal",
         "not_a_spiral",
         "poor_fit",
         "position_not_constrained",
+        "prior_dominated",
         "speed_above_c",
+        "two_spacecraft",
     }
 )
 """Flags after which errors may not hold: no grade above C."""

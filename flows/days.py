@@ -231,8 +231,11 @@ def place_burst(day: HeardDay, burst: AssociatedBurst, burst_id: str) -> BurstIn
     """
     members = [member for member in burst.members if member.fits]
     names = [member.searched.observatory for member in members]
-    parts = [burst_spectrum(member.searched, member.candidate) for member in members]
-    timed = {one.edge: one for edge in EDGES if (one := time_burst(parts, edge))}
+    try:
+        parts = [burst_spectrum(member.searched, member.candidate) for member in members]
+        timed = {one.edge: one for edge in EDGES if (one := time_burst(parts, edge))}
+    except NoDataError as error:
+        return f"not localisable: {error}"
     reason = why_not_timed(timed[HALF_RISE], names)
     if reason:
         return reason

@@ -19,7 +19,7 @@ CHOICES = [
     {"method": "tdoa", "dimensions": 3},
 ]
 NAMES = ["-".join(str(value) for value in choice.values()) for choice in CHOICES]
-MAY_BE_MISSING = ("region", "mode_mean", "log_evidence")
+MAY_BE_MISSING = ("region", "mode_mean", "log_evidence", "clock_")
 
 
 def answered(table: pd.DataFrame, **choice) -> str:

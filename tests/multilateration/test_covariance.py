@@ -173,7 +173,7 @@ def test_a_delay_of_zero_is_no_delay_and_the_option_goes_before_the_preset() -> 
     ("covariance", "reason"),
     [
         (np.eye(5), r"covariance_s2 is \(5, 5\), the table has 3 rows"),
-        (np.diag([1.0, 1.0, -1.0]), "every eigenvalue must be above 0"),
+        (np.diag([1.0, 1.0, -1.0]), "no eigenvalue may be below 0"),
         (np.array([[1.0, 0.5, 0], [0, 1, 0], [0, 0, 1]]), "is not symmetric and finite"),
     ],
 )
