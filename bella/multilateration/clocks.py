@@ -28,6 +28,9 @@ STEPS = 3
 """Positions are found again so often without the offset; 69 s move them so far that distances are no longer linear."""
 EMISSION_SD_S = 1e4
 """Standard deviation of the free emission time of each frequency: so large that it says nothing."""
+LEAST_S = 1e-3
+"""Independent error beside the free time of emission, without which the covariance of exact times is singular."""
+
 SHIFT_S = 10.0
 """Offset for which the move of a position is stated."""
 
@@ -175,7 +178,7 @@ def clock_shift_rsun(
     nuisance = EMISSION_SD_S**2 + (relative * travel_s[:, :, None]) * (relative * travel_s[:, None, :])
     turned = np.nan_to_num(delay.kappa_sd * delay_s)
     nuisance = nuisance + turned[:, :, None] * turned[:, None, :]
-    stated = grid.covariances_s2() + nuisance
+    stated = grid.covariances_s2() + nuisance + LEAST_S**2 * np.eye(heard.shape[1])
     weight = np.where(both, np.linalg.inv(np.where(both, stated, np.eye(heard.shape[1]))), 0.0)
     shift = SHIFT_S * np.einsum("fde,fie,fij->fjd", covariance_rsun2, np.nan_to_num(slope), weight, optimize=True)
     return np.where(heard[..., None], shift, np.nan)
