@@ -245,8 +245,6 @@ def test_departures_are_levels_outside_the_wilson_interval() -> None:
 def test_page_says_what_does_not_hold() -> None:
     page = found_page(found_rows(MANY, 3), table="table.csv")
     said = "- Longitude of the footpoint, pairs, three spacecraft (final, 2 bursts): the 68 % interval holds 0.00 and"
-        "- Longitude of the footpoint, pairs, three spacecraft (final, 2 bursts): the 68 % interval holds 0.00 and the"
-    )
     assert said in page
     assert "Longitude of the footpoint, clean" not in page
     assert "| three | 10 | 8 final, 1 preliminary | 7 |" in page
