@@ -51,8 +51,7 @@ HOLDS = """
 ## What does not hold
 
 """
-CHANCE = """
-Of {tests} intervals about {chance:.0f} would stand here by chance if all were right.
+CHANCE = """Of {tests} intervals about {chance:.0f} would stand here by chance if all were right.
 """
 
 
@@ -101,15 +100,24 @@ def _answered(rows: Sequence[FoundRow]) -> list[str]:
 
 
 def _departures(rows: Sequence[FoundRow]) -> list[str]:
-    lines = [
-        f"- {TITLES[one.quantity]}, {one.stratum if one.stratum != ALL else 'all strata'}, {FLEETS[one.fleet]} "
-        f"spacecraft ({one.tier}, {one.bursts} bursts): {' and '.join(one.departures)}.\n"
-        for name in TITLES
-        for one in rows
-        if one.quantity == name and one.departures
-    ]
+    """What the Wilson intervals leave out: all strata together first, then each."""
+    departing = [one for name in TITLES for one in rows if one.quantity == name and one.departures]
+    parts = [HOLDS]
+    for title, chosen in (
+        ("All strata together:", [one for one in departing if one.stratum == ALL]),
+        ("One stratum:", [one for one in departing if one.stratum != ALL]),
+    ):
+        parts += [f"{title}\n\n", *(map(_departure, chosen) if chosen else ["- nothing\n"]), "\n"]
     tests = 2 * sum(one.bursts > 0 for one in rows)
-    return [HOLDS, *(lines or ["Nothing.\n"]), CHANCE.format(tests=tests, chance=0.05 * tests)]
+    return [*parts, CHANCE.format(tests=tests, chance=0.05 * tests)]
+
+
+def _departure(row: FoundRow) -> str:
+    stratum = "" if row.stratum == ALL else f", {row.stratum}"
+    return (
+        f"- {TITLES[row.quantity]}{stratum}, {FLEETS[row.fleet]} spacecraft ({row.tier}, {row.bursts} bursts): "
+        f"{' and '.join(row.departures)}\n"
+    )
 
 
 def _header(row: FoundRow) -> str:

@@ -5,6 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import xarray as xr
 from scipy import stats
 
 from bella.calibration.found import (
@@ -15,6 +16,7 @@ from bella.calibration.found import (
     _holds,
     _inside,
     _longitude,
+    _position_quality,
     case_of,
     find_all,
     follow,
@@ -118,6 +120,41 @@ def test_bad_choices_are_refused(strata: list[str], bursts: int, seed: int, mess
 def test_no_worker_can_do_nothing() -> None:
     with pytest.raises(InputError, match="0 workers"):
         next(find_all([], 0))
+
+
+@pytest.mark.parametrize(
+    ("apart_sd", "in68", "in95", "lost"),
+    [
+        (1.50, 1.0, 1.0, False),
+        (1.52, 0.0, 1.0, False),
+        (2.46, 0.0, 0.0, False),
+        (3.43, 0.0, 0.0, False),
+        (3.45, 0, 0, True),
+    ],
+)
+def test_regions_of_positions_are_those_of_two_dimensions(
+    apart_sd: float, in68: float, in95: float, lost: bool
+) -> None:
+    # circles of 1.51, 2.448 and 3.439 standard deviations hold 68, 95 and 99.73 % (Rayleigh: sqrt(-2 ln(1 - p)))
+    case = case_of(Task("clean", "2012", 1))
+    frequency_mhz = np.array([0.3, 0.5, 1.0])
+    truth = case.truth("WIND", frequency_mhz)
+    # standard deviations 2 and 1 along axes turned by 30 deg; the positions are off along the long one
+    long, short = np.array([np.sqrt(0.75), 0.5]), np.array([-0.5, np.sqrt(0.75)])
+    covariance = 4.0 * np.outer(long, long) + np.outer(short, short)
+    columns = {
+        "x_rsun": truth["x_rsun"] + 2.0 * apart_sd * long[0],
+        "y_rsun": truth["y_rsun"] + 2.0 * apart_sd * long[1],
+        "cov_xx_rsun2": np.full(3, covariance[0, 0]),
+        "cov_xy_rsun2": np.full(3, covariance[0, 1]),
+        "cov_yy_rsun2": np.full(3, covariance[1, 1]),
+    }
+    posterior = xr.Dataset(
+        {name: ("frequency", np.asarray(value)) for name, value in columns.items()}, {"frequency": frequency_mhz}
+    )
+    found, is_lost = _position_quality(posterior, case)
+    assert (found.in68, found.in95, is_lost) == (in68, in95, lost)
+    assert (found.error, found.width) == pytest.approx((2.0 * apart_sd, 4.0))
 
 
 def parameter(low: float, middle: float, high: float) -> Parameter:
