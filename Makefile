@@ -3,7 +3,7 @@ PYTHON ?= python3
 BIN := .venv/bin
 PIP := $(BIN)/pip --disable-pip-version-check
 
-.PHONY: help demo serve test acceptance fuzz lint bench calibrate lock clean
+.PHONY: help demo serve test acceptance fuzz lint bench calibrate found lock clean
 
 help:  ## Say what can be made
 	@sed -n 's/^\([a-z]*\):.*  ## /  make \1\t/p' $(MAKEFILE_LIST) | expand -t 16
@@ -34,6 +34,10 @@ bench: .venv/test  ## Measure what README claims about speed
 
 calibrate: .venv/runtime  ## Check the posterior against simulated sources (8 minutes)
 	$(BIN)/bella calibrate --output docs
+
+found: .venv/runtime  ## Check answers about simulated bursts that are found (40 minutes on two cores)
+	$(BIN)/bella calibrate --found --bursts 16 --workers 2 --output docs
+	cp docs/calibration-found.csv bella/calibration/found.csv
 
 lock:  ## Pin every dependency anew, without any registry address
 	$(PYTHON) -m venv .venv/lock && .venv/lock/bin/pip install --quiet uv

@@ -14,16 +14,20 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 from bella.exceptions import BellaError, InputError
 
 if TYPE_CHECKING:
-    from bella.calibration import Comparison, Verdict
+    from bella.calibration import Comparison
+    from bella.calibration.found import FoundBurst
     from bella.plotting.calibration import Panel
 
 out, err = Console(), Console(stderr=True)
 
-EPILOG = "Example: bella calibrate --sources 200 --strata wide,four-robust"
+EPILOG = (
+    "Example: bella calibrate --sources 200 --strata wide,four-robust; bella calibrate --found --bursts 4 --workers 2"
+)
 TABLE, PAGE, FIGURE = "calibration.csv", "calibration.md", "calibration.png"
+FOUND_TABLE, FOUND_PAGE = "calibration-found.csv", "calibration-found.md"
 
 
-def calibrate(
+def calibrate(  # noqa: PLR0913, PLR0917 - one argument per option
     output: Annotated[Path, typer.Option(help="Folder for table, page and figure; made if need be.")] = Path(
         "calibration"
     ),
@@ -32,15 +36,61 @@ def calibrate(
     strata: Annotated[
         str | None, typer.Option(help="Strata to run, such as wide,four-robust.", show_default="all")
     ] = None,
+    found: Annotated[
+        bool, typer.Option("--found", help="Simulated bursts through detection, timing, localisation and track.")
+    ] = False,
+    bursts: Annotated[int, typer.Option(help="With --found: bursts per stratum and fleet.")] = 24,
+    workers: Annotated[int, typer.Option(help="With --found: processes, 1 or more.")] = 1,
 ) -> None:
-    """Check the posterior against simulated sources: coverage, and ranks of the truth."""
-    from bella.calibration import check_sources, failing, find_strata, judge, run_stratum
-    from bella.plotting import write_calibration_png
-
-    chosen = find_strata([name.strip() for name in strata.split(",")] if strata is not None else [])
-    check_sources(sources)
+    """Check what is published against simulated sources: coverage, and ranks of the truth."""
+    names = [name.strip() for name in strata.split(",")] if strata is not None else []
     if seed < 0:
         raise InputError(f"--seed {seed} is below 0; give 0 or more")
+    if found:
+        _calibrate_found(output, names, bursts, seed, workers)
+    else:
+        _calibrate_posterior(output, names, sources, seed)
+
+
+def _calibrate_found(output: Path, names: list[str], bursts: int, seed: int, workers: int) -> None:
+    from bella.calibration.found import FOUND_STRATA, check_workers, find_all, tasks_of
+    from bella.calibration.found_page import found_page
+    from bella.calibration.found_table import found_csv, found_rows
+
+    tasks = tasks_of(names or FOUND_STRATA, bursts, seed)
+    check_workers(workers)
+    _check_writable(output)
+    measured: list[FoundBurst] = []
+    with _progress(len(tasks)) as (advance, describe):
+        for one in find_all(tasks, workers):
+            describe(f"{one.task.stratum}, {one.task.fleet}")
+            advance(1)
+            measured.append(one)
+    rows = found_rows(measured, seed)
+    with _reporting(output):
+        _write_texts(output, {FOUND_TABLE: found_csv(rows), FOUND_PAGE: found_page(rows, table=FOUND_TABLE)})
+    answers = sum(not one.reason for one in measured)
+    out.print(
+        f"{answers} of {len(measured)} bursts have an answer; whether it holds: {output / FOUND_PAGE}",
+        soft_wrap=True,
+        highlight=False,
+    )
+
+
+def _calibrate_posterior(output: Path, names: list[str], sources: int, seed: int) -> None:
+    from bella.calibration import (
+        calibration_page,
+        check_sources,
+        failing,
+        find_strata,
+        judge,
+        run_stratum,
+        verdict_table,
+    )
+    from bella.plotting import write_calibration_png
+
+    chosen = find_strata(names)
+    check_sources(sources)
     _check_writable(output)
     comparisons = []
     with _progress(len(chosen) * sources) as (advance, describe):
@@ -49,7 +99,8 @@ def calibrate(
             comparisons.append(run_stratum(stratum, sources, seed, advance))
     verdicts = judge(comparisons, seed)
     with _reporting(output):
-        _write_texts(output, verdicts)
+        page = calibration_page(verdicts, table=TABLE, figure=FIGURE)
+        _write_texts(output, {TABLE: verdict_table(verdicts), PAGE: page})
         write_calibration_png(output / FIGURE, _panels(comparisons))
     failed = failing(verdicts)
     if failed:
@@ -74,10 +125,7 @@ def _reporting(folder: Path) -> Iterator[None]:
         raise InputError(f"{folder} cannot be written ({error.strerror or error}); name another --output") from error
 
 
-def _write_texts(folder: Path, verdicts: "list[Verdict]") -> None:
-    from bella.calibration import calibration_page, verdict_table
-
-    texts = {TABLE: verdict_table(verdicts), PAGE: calibration_page(verdicts, table=TABLE, figure=FIGURE)}
+def _write_texts(folder: Path, texts: dict[str, str]) -> None:
     for name, text in texts.items():
         partial = folder / f".{name}.{os.getpid()}"
         try:

@@ -8,6 +8,7 @@ import pytest
 from typer.testing import CliRunner
 
 from bella.calibration import parse_verdicts, study
+from bella.calibration.found_table import parse_found
 from bella.cli import app
 from bella.exceptions import BellaError, InputError
 
@@ -40,9 +41,24 @@ def test_failing_strata_are_named_after_everything_is_written(tmp_path: Path, mo
     assert (tmp_path / "calibration.png").exists()
 
 
+def test_found_bursts_have_a_table_and_a_page(tmp_path: Path) -> None:
+    code, text, _ = calibrate(tmp_path, "--found", "--bursts", "1", "--strata", "far side", "--seed", "2")
+    assert code == 0, text
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["calibration-found.csv", "calibration-found.md"]
+    rows = parse_found((tmp_path / "calibration-found.csv").read_text())
+    assert {one.fleet for one in rows} == {"2012", "2021", "pair"}
+    assert {one.simulated for one in rows} == {1}
+    answers = sum(one.answers for one in rows if (one.stratum, one.quantity) == ("far side", "phi0"))
+    assert f"{answers} of 3 bursts have an answer" in text
+    assert "--found --bursts 1 --seed 2" in (tmp_path / "calibration-found.md").read_text()
+
+
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
+        (["--found", "--bursts", "0"], "0 bursts per stratum is not between 1 and 1000"),
+        (["--found", "--strata", "wide"], "stratum 'wide' is not known; choose among clean,"),
+        (["--found", "--workers", "0"], "0 workers can do nothing; give 1 or more"),
         (["--sources", "19"], "19 sources say nothing about calibration; give --sources 20 or more"),
         (["--strata", "far"], "stratum 'far' is not known"),
         (["--strata", ""], "stratum '' is not known"),

@@ -1,9 +1,10 @@
 """Does a posterior mean what it says? Coverage and simulation-based calibration of the localisation, per geometry.
 
-:func:`run_stratum` is the door. Behind it: `strata` (which cases, declared as a table), `truths` (sources and arrival
-times drawn from the model, or wrong on purpose), `ranks` (uniformity and its band), `coverage` (how often a region
-holds its source), `study` (truth against posterior), `verdict` (one row per stratum, and what passes) and `page` (the
-report).
+:func:`run_stratum` is the door to the localisation alone. Behind it: `strata` (which cases, declared as a table),
+`truths` (sources and arrival times drawn from the model, or wrong on purpose), `ranks` (uniformity and its band),
+`coverage` (how often a region holds its source), `study` (truth against posterior), `verdict` (one row per stratum, and
+what passes) and `page` (the report). :func:`bella.calibration.found.find_all` is the door to bursts that go through the
+whole pipeline; `found_table` and `found_page` report on them.
 """
 
 from bella.calibration.page import calibration_page

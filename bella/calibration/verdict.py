@@ -1,26 +1,17 @@
 """One row per stratum: its numbers, whether it passes, and the table that keeps them."""
 
-import csv
-import io
-from collections.abc import Callable, Sequence
-from dataclasses import asdict, dataclass, fields
-from typing import Any
+from collections.abc import Sequence
+from dataclasses import dataclass
 
 import bella
 from bella.calibration.ranks import uniformity
+from bella.calibration.rows import parse_rows, rows_csv
 from bella.calibration.study import Comparison
-from bella.exceptions import InputError
 from bella.multilateration.regions import LEVELS
 
 SMALLEST_P = 0.001
 """Smallest p-value that passes, after Bonferroni."""
 TESTS_PER_QUANTITY = 2
-_READ: dict[Any, Callable[[str], Any]] = {
-    str: str,
-    int: int,
-    float: float,
-    bool: {"True": True, "False": False}.__getitem__,
-}
 
 
 @dataclass(frozen=True)
@@ -158,11 +149,7 @@ def verdict_table(verdicts: Sequence[Verdict]) -> str:
     -------
     str
     """
-    text = io.StringIO()
-    lines = csv.DictWriter(text, [field.name for field in fields(Verdict)], lineterminator="\n")
-    lines.writeheader()
-    lines.writerows(asdict(one) for one in verdicts)
-    return text.getvalue()
+    return rows_csv(verdicts, Verdict)
 
 
 def parse_verdicts(text: str) -> list[Verdict]:
@@ -181,12 +168,4 @@ def parse_verdicts(text: str) -> list[Verdict]:
     InputError
         If it is not such a table.
     """
-    lines = csv.DictReader(io.StringIO(text))
-    if lines.fieldnames != [field.name for field in fields(Verdict)]:
-        raise InputError("not a calibration table: its columns are others; make one with bella calibrate")
-    try:
-        return [
-            Verdict(**{field.name: _READ[field.type](row[field.name]) for field in fields(Verdict)}) for row in lines
-        ]
-    except (KeyError, TypeError, ValueError) as error:
-        raise InputError(f"not a calibration table ({error}); make one with bella calibrate") from error
+    return parse_rows(text, Verdict)
