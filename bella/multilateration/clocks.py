@@ -97,7 +97,8 @@ def _fitted(
     free = EMISSION_SD_S**2 + prior_rsun2 * slope @ slope.T
     shared = np.outer(relative * travel_s[row, column], relative * travel_s[row, column])
     turned = delay.kappa_sd * delay_s[row, column]
-    inverse = np.linalg.inv(grid.covariance_s2() + np.where(place, free, 0.0) + shared + np.outer(turned, turned))
+    stated = grid.covariance_s2() + LEAST_S**2 * np.eye(row.size)
+    inverse = np.linalg.inv(stated + np.where(place, free, 0.0) + shared + np.outer(turned, turned))
     predicted = grid.delay_s + travel_s + delay.kappa * delay_s
     residual = (grid.arrival_s - predicted)[row, column] + np.einsum("nd,nd->n", slope, position[row])
     indicator: FloatArray = (column[:, None] == np.arange(len(grid.observatories))).astype(np.float64)
