@@ -66,7 +66,7 @@ def test_inputs_hash_changes_with_everything_a_solution_depends_on(located: Any)
 def test_built_in_event_names_its_inputs() -> None:
     given = load_burst(EVENT.name, Path("nowhere"))
     assert given.burst.burst_id == "T3-20120607-1929"
-    assert set(given.arrivals) == {"gauss_hermite", "half_maximum", "half_rise"}
+    assert set(given.arrivals) == {"gauss_hermite", "half_maximum", "half_rise", "shared_profile"}
     assert given.spectra is not None
     assert set(given.spectra.children) == set(given.burst.observatories)
     assert len({source.sha256 for source in given.sources}) == len(given.sources) >= 3
@@ -98,7 +98,7 @@ def test_track_of_a_solution_holds_every_method_and_its_draws_reach_the_store(tm
     arrivals = locate_receivers(half_maximum_arrivals())
     given = load_burst(EVENT.name, Path("nowhere"))
     track, posterior = fitted_track(localise(arrivals, draws=200), Timing(arrivals), SERIES, settings, UNKNOWN)
-    assert track["joint"]["frequencies"] == 40
+    assert track["joint"]["times"] > 100
     assert track["joint"]["rotation_period_d"] == track["rotation_period_d"] == 24.47
     computed = {"semp", "weighted", "piecewise", "density_excess", "scattering", "footpoint", "models"}
     missing = {"wind", "triangulation", "fused"}

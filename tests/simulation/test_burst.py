@@ -8,6 +8,7 @@ from scipy.integrate import quad
 from scipy.optimize import brentq
 
 from bella.exceptions import InputError, NoDataError
+from bella.heliosphere.scattering import NO_DELAY
 from bella.multilateration import localise
 from bella.simulation import Receiver, SimulatedBurst, observe, true_arrivals
 from bella.simulation.burst import (
@@ -54,7 +55,7 @@ def test_sources_lie_on_the_spiral_where_the_density_says() -> None:
 
 def test_localisation_of_the_true_times_gives_the_spiral_back() -> None:
     """From a beam to arrival times to positions to the spiral: the whole chain, without noise."""
-    solved = localise(true_arrivals(BURST, FREQUENCY, FLEET, sigma_s=0.5), draws=10)
+    solved = localise(true_arrivals(BURST, FREQUENCY, FLEET, sigma_s=0.5), draws=10, delay=NO_DELAY)
     source = source_position_rsun(BURST, FREQUENCY)
     range_rsun = np.hypot(solved["x_rsun"], solved["y_rsun"])
     slope_deg, phi0_deg = np.polyfit(range_rsun - 1.0, np.degrees(np.arctan2(solved["y_rsun"], solved["x_rsun"])), 1)
