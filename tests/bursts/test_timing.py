@@ -25,6 +25,7 @@ from bella.bursts.timing import (
     why_not_timed,
 )
 from bella.exceptions import InputError, NoDataError
+from bella.heliosphere.scattering import NO_DELAY
 from bella.multilateration import localise
 from bella.simulation import Receiver, SimulatedBurst, observe
 from bella.simulation.burst import arrival_s, source_position_rsun
@@ -119,7 +120,7 @@ def test_the_table_places_the_source_where_it_was(timed: TimedBurst) -> None:
     assert (table["edge"] == SHARED).all()
     assert table.groupby("frequency_mhz")["observatory"].nunique().eq(3).all()
     assert (table["offset_sd_s"] > 0).all()
-    solved = localise(table, draws=10)
+    solved = localise(table, draws=10, delay=NO_DELAY)
     source = source_position_rsun(BURST, solved["frequency"].to_numpy())
     np.testing.assert_allclose(solved["x_rsun"], source[:, 0], atol=6.0)
     np.testing.assert_allclose(solved["y_rsun"], source[:, 1], atol=6.0)
