@@ -51,7 +51,7 @@ MOST_PARTS = 3
 """In so many parts, at most, a cell is divided at once when that makes it final."""
 OVERSIZE = 1.1
 """A final cell may be larger than the tolerance by this: the sharpest place is known only to a cell."""
-MAX_CELLS = 2_000_000
+MAX_CELLS = 6_000_000
 """Most cells of one problem, times components of the noise; more is an error, never a silent cut."""
 MAX_CELLS_TOGETHER = 300_000
 """Most cells of several problems; they are then to be divided in smaller groups, so that memory stays bounded."""

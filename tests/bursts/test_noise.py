@@ -49,7 +49,7 @@ def made(random: np.random.Generator, smooth: float = 0.0, channel: float = 0.0,
 @pytest.mark.parametrize(("smooth", "channel"), [(0.0, 0.0), (0.15, 0.0), (0.0, 0.1), (0.15, 0.1)])
 def test_noise_is_found_as_large_as_it_is(smooth: float, channel: float) -> None:
     found = [estimate_noise(made(np.random.default_rng(seed), smooth, channel)) for seed in range(4)]
-    assert np.median([one.shape_share for one in found]) == pytest.approx(smooth, abs=0.02 + 0.3 * smooth)
+    assert np.median([one.shape_share for one in found]) == pytest.approx(smooth, abs=0.025 + 0.3 * smooth)
     assert np.median([one.channel_share for one in found]) == pytest.approx(channel, abs=0.015 + 0.25 * channel)
 
 
@@ -72,7 +72,9 @@ def test_a_table_is_surer_than_its_channels_but_not_of_what_they_share() -> None
     along = noise_columns(at_frequencies(timed, FREQUENCY_MHZ[5:-5]))
     channels = noise_columns(timed.take(np.flatnonzero(np.isin(timed.frequency_mhz, FREQUENCY_MHZ[5:-5]))))
     assert (along["sigma_s"] < 0.8 * channels["sigma_s"]).all()
-    np.testing.assert_allclose(along["shape_sd_s"], channels["shape_sd_s"], rtol=1e-6)
+    # what the process leaves uncertain is smooth as well, and adds to what spacecraft do not share
+    assert (along["shape_sd_s"] >= channels["shape_sd_s"] * (1 - 1e-6)).all()
+    assert (along["shape_sd_s"] ** 2 - channels["shape_sd_s"] ** 2 < channels["sigma_s"] ** 2).all()
 
 
 @pytest.mark.parametrize(("away_sd", "kept"), [(OUTLIER_SD - 2.0, True), (OUTLIER_SD + 3.0, False)])
