@@ -110,7 +110,12 @@ def _arranged(processes: Processes, kept: Databases, home: Path, temporary: Path
 def test_built_in_burst_arrives_through_the_api(running: Running) -> None:
     running.wait_for(EVENT.burst_id)
     solutions = running.bursts()[EVENT.burst_id]["solutions"]
-    assert {solution["edge"] for solution in solutions} <= {"gauss_hermite", "half_maximum", "half_rise"}
+    assert {solution["edge"] for solution in solutions} <= {
+        "gauss_hermite",
+        "half_maximum",
+        "half_rise",
+        "shared_profile",
+    }
     track = running.get(f"/api/v1/bursts/{EVENT.burst_id}/track").json()
     assert track["track_fit"]["two_step"]["v_sw_km_s"]["mean"] > 0
 

@@ -125,7 +125,9 @@ def test_edge_definition_changes_the_track(first_run: FirstRun) -> None:
 
 def test_figures_are_pictures(first_run: FirstRun) -> None:
     sandbox, done = first_run
-    series = [f"{edge}.posterior.default.2d.v1" for edge in ("gauss_hermite", "half_maximum", "half_rise", "shared_profile")]
+    series = [
+        f"{edge}.posterior.default.2d.v1" for edge in ("gauss_hermite", "half_maximum", "half_rise", "shared_profile")
+    ]
     fits = [f"{name}-{one}.png" for name in ("polar-fit", "density") for one in series]
     for name in ("constellation-posterior-default.png", "spectra.png", *fits):
         path = sandbox.home / "figures" / BURST / name
