@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 BELLA = str(Path(sys.executable).with_name("bella"))
-TIMEOUT_S = 240
+TIMEOUT_S = 900
 KEPT = ("PATH", "LANG", "LC_ALL", "OPENBLAS_NUM_THREADS")
 
 

@@ -141,7 +141,7 @@ def test_killed_worker_loses_nothing_and_doubles_nothing(running: Running) -> No
         for burst in running.bursts():
             versions = catalogue.versions(burst)
             assert {solution.version for solution in versions} == {1}
-            assert len(versions) == (3 if burst == EVENT.burst_id else 1)
+            assert len(versions) == (4 if burst == EVENT.burst_id else 1)
         assert [path for path in catalogue.referenced_paths() if not (running.home / "store" / path).is_dir()] == []
 
 

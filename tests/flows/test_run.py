@@ -239,7 +239,7 @@ def test_two_runs_at_once_end_with_one_result(sandbox: Sandbox) -> None:
         subprocess.Popen([BELLA, "run"], env=sandbox.environment, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE)
         for _ in range(2)
     ]
-    ends = [(run.communicate(timeout=240)[1].decode(), run.returncode) for run in runs]
+    ends = [(run.communicate(timeout=900)[1].decode(), run.returncode) for run in runs]
     assert 0 in {code for _, code in ends}
     for stderr, code in ends:
         assert code == 0 or (code == 1 and "is being done by" in stderr), stderr
