@@ -25,7 +25,7 @@ from tests.service_processes.processes import Processes, free_port, until
 
 pytestmark = pytest.mark.service
 
-PATIENCE_S = 120.0
+PATIENCE_S = 600.0
 SERVED = ("prefect", "worker", "api")
 
 
