@@ -51,7 +51,7 @@ MOST_PARTS = 3
 """In so many parts, at most, a cell is divided at once when that makes it final."""
 OVERSIZE = 1.1
 """A final cell may be larger than the tolerance by this: the sharpest place is known only to a cell."""
-MAX_CELLS = 6_000_000
+MAX_CELLS, MAX_CELLS_IN_SPACE = 2_000_000, 6_000_000
 """Most cells of one problem, times components of the noise; more is an error, never a silent cut."""
 MAX_CELLS_TOGETHER = 300_000
 """Most cells of several problems; they are then to be divided in smaller groups, so that memory stays bounded."""
@@ -258,7 +258,8 @@ def _divided_in(lattice: Lattice, chosen: BoolArray, parts: int) -> tuple[IntArr
 
 
 def _check_budget(lattice: Lattice, components: int) -> None:
-    most = MAX_CELLS if lattice.side.size == 1 else MAX_CELLS_TOGETHER
+    alone = MAX_CELLS_IN_SPACE if lattice.index.shape[0] == 3 else MAX_CELLS
+    most = alone if lattice.side.size == 1 else MAX_CELLS_TOGETHER
     if lattice.owner.size * components > most:
         raise ConvergenceError(
             f"the posterior needs more than {most} cells; give its arrival times larger sigma_s, or leave it out"
