@@ -159,7 +159,7 @@ def test_list_page_leaves_out_flags_that_nearly_every_burst_has(home: Settings) 
 
 
 def test_commands_print_the_answer_and_refuse_what_is_not_clear(home: Settings) -> None:
-    assert BY_EDGE["half_maximum"] in command(home, "list")
+    assert json.loads(command(home, "list", "--json"))[0]["answer"]["sentence"] == BY_EDGE["half_maximum"]
     pinned = command(home, "prefer", BURST_ID, "gauss_hermite/posterior/robust/2d", "--reason", "outliers").splitlines()
     assert pinned[0] == f"Preferred {BURST_ID}.gauss_hermite.posterior.robust.2d.v1"
     assert pinned[-1].endswith("(gauss_hermite/posterior/robust/2d, pinned, outliers)")
