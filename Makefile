@@ -35,7 +35,7 @@ bench: .venv/test  ## Measure what README claims about speed
 calibrate: .venv/runtime  ## Check the posterior against simulated sources (8 minutes)
 	$(BIN)/bella calibrate --output docs
 
-found: .venv/runtime  ## Check answers about simulated bursts that are found (40 minutes on two cores)
+found: .venv/runtime  ## Check answers about simulated bursts that are found (10 minutes on two cores)
 	$(BIN)/bella calibrate --found --bursts 21 --workers 2 --output docs
 	cp docs/calibration-found.csv bella/calibration/found.csv
 
