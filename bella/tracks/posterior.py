@@ -258,7 +258,7 @@ def sample(likelihood: Likelihood, nodes: Nodes, number: int, rng: np.random.Gen
     log_gauss = -0.5 * (normal**2).sum(axis=1) - log_root - 0.5 * z.shape[1] * np.log(2 * np.pi)
     phi0 = _wrapped(nodes.phi0_rad[chosen] + inside)
     prior = -np.log(2 * np.pi) - 0.5 * z.shape[1] * np.log(2 * np.pi)
-    log_weight = likelihood.log_density(phi0, z) + prior - (log_cell + np.log(1.0)) - log_gauss
+    log_weight = likelihood.log_density(phi0, z) + prior - log_cell - log_gauss
     log_weight = np.where(np.isfinite(log_weight), log_weight, -np.inf)
     total = float(logsumexp(log_weight))
     return Draws(phi0, z, np.exp(log_weight - total), total - float(np.log(number)))
