@@ -4,6 +4,7 @@ Everything here is frozen and is written to JSON as it stands; numbers that are 
 """
 
 import math
+from enum import StrEnum
 from statistics import NormalDist
 from typing import Any, Literal
 
@@ -14,6 +15,32 @@ Tier = Literal["final", "preliminary"]
 
 QUANTILES = {"q2_5": 0.025, "q16": 0.16, "q50": 0.5, "q84": 0.84, "q97_5": 0.975}
 """Quantiles that every parameter is stored with: the median, and the ends of the 68 % and the 95 % interval."""
+
+
+class Origin(StrEnum):
+    """Where data come from: a spectrum, and all that is made of it, carries it from file to page."""
+
+    ARCHIVE = "archive"
+    EVENT = "event"
+    SUBMISSION = "submission"
+    USER = "user"
+    SIMULATED = "simulated"
+    TEST = "test"
+
+
+REAL_ORIGINS = (Origin.ARCHIVE, Origin.EVENT, Origin.SUBMISSION, Origin.USER)
+"""What a query or a count holds unless another origin is asked for."""
+
+
+class DayAnswer(StrEnum):
+    """What the service can say of a day, or of one data set on a day; never one for another."""
+
+    NO_DATA = "no data"
+    ARCHIVE_SILENT = "archive silent"
+    NOT_SEARCHABLE = "not searchable"
+    NO_BURST = "no burst"
+    NOT_LOCALISABLE = "not localisable"
+    LOCALISED = "localised"
 
 
 class Record(BaseModel):

@@ -1,0 +1,1 @@
+"""What is done to a day, a burst or a submission, as plain functions: search, time, solve, choose, publish, draw."""
