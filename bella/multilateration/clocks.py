@@ -14,8 +14,8 @@ from astropy.time import Time
 
 from bella.arrivals import ArrivalGrid
 from bella.heliosphere.scattering import DirectionalDelay, one_minus_cosine
-from bella.multilateration.likelihood import IntArray
 from bella.multilateration.priors import Priors
+from bella.multilateration.problems import IntArray
 from bella.units import DAY_S, FloatArray
 
 SIGNIFICANT_SD = 3.0

@@ -13,9 +13,9 @@ import numpy as np
 from bella.arrivals import ArrivalGrid
 from bella.exceptions import ConvergenceError
 from bella.multilateration.cells import divide
-from bella.multilateration.likelihood import problems_of
-from bella.multilateration.moments import moments_of
+from bella.multilateration.posterior import moments_of
 from bella.multilateration.priors import Priors
+from bella.multilateration.problems import problems_of
 from bella.units import C_RSUN_S, FloatArray
 
 MAP_TOLERANCE = 1.7

@@ -10,12 +10,10 @@ from bella.exceptions import InputError
 from bella.heliosphere.scattering import DirectionalDelay
 from bella.multilateration import PRESETS, localise, uncertainty_map
 from bella.multilateration.cells import divide
-from bella.multilateration.draws import draw
-from bella.multilateration.flags import flags_of
-from bella.multilateration.likelihood import problems_of
-from bella.multilateration.moments import moments_of
-from bella.multilateration.predictive import predictive_check
+from bella.multilateration.flags import flags_of, predictive_check
+from bella.multilateration.posterior import draw, moments_of
 from bella.multilateration.priors import Preset, Priors
+from bella.multilateration.problems import problems_of
 from tests.multilateration.geometry import EVENT, FOUR, NARROW, PLAIN, WIDE, grid_of, on_spiral, polar, sd_of, table_of
 
 LIGHT_RSUN_S = 299_792.458 / 695_700.0

@@ -7,9 +7,9 @@ import pytest
 
 from bella.exceptions import BellaError, ConvergenceError
 from bella.multilateration import cells as cells_module
-from bella.multilateration.exact import BATCH, exact_posterior
+from bella.multilateration.localise import solution_dataset
+from bella.multilateration.posterior import BATCH, Recipe, exact_posterior
 from bella.multilateration.priors import PRESETS, Preset
-from bella.multilateration.solution import Recipe, solution_dataset
 from tests.multilateration.geometry import (
     CADENCE_S,
     EVENT,

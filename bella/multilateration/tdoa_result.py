@@ -12,14 +12,11 @@ from scipy.stats import chi2
 from bella.arrivals import ArrivalGrid
 from bella.exceptions import InputError
 from bella.heliosphere.scattering import DirectionalDelay, one_minus_cosine
-from bella.multilateration.draws import Draws
-from bella.multilateration.likelihood import evaluate, problems_of
-from bella.multilateration.modes import Modes
-from bella.multilateration.moments import Moments
+from bella.multilateration.likelihood import evaluate
+from bella.multilateration.posterior import Draws, Moments, Posterior, Recipe
 from bella.multilateration.priors import Priors
-from bella.multilateration.regions import LEVELS, Region
-from bella.multilateration.solution import Recipe
-from bella.multilateration.summary import Posterior
+from bella.multilateration.problems import problems_of
+from bella.multilateration.regions import LEVELS, Modes, Region
 from bella.multilateration.tdoa import TdoaSolution, solve
 from bella.units import FloatArray
 
