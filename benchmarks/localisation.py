@@ -14,7 +14,7 @@ from bella.multilateration.nuts import sample_frequency
 from bella.multilateration.posterior import BATCH, Recipe, draw, exact_posterior, moments_of
 from bella.multilateration.priors import Preset, Priors, apply_sigma_rule, find_preset
 from bella.multilateration.problems import IntArray, Problems, problems_of
-from bella.multilateration.tdoa_result import tdoa_posterior
+from bella.multilateration.tdoa import tdoa_posterior
 from bella.units import AU_RSUN, C_RSUN_S
 
 Row = tuple[str, str, str]

@@ -13,15 +13,14 @@ from bella.arrivals import ArrivalGrid, arrival_grid, check_arrivals, check_cova
 from bella.exceptions import InputError
 from bella.flags import APPARENT_SOURCE
 from bella.heliosphere.scattering import DirectionalDelay
-from bella.multilateration.clocks import SHIFT_S, check_clocks, clock_shift_rsun
-from bella.multilateration.flags import flags_of, predictive_check
+from bella.multilateration.checks import SHIFT_S, check_clocks, clock_shift_rsun, flags_of, predictive_check
 from bella.multilateration.likelihood import evaluate
 from bella.multilateration.nuts import nuts_posterior
 from bella.multilateration.posterior import AXES, Draws, Moments, Posterior, Recipe, exact_posterior, parameters
 from bella.multilateration.priors import Preset, Priors, apply_sigma_rule, find_preset
 from bella.multilateration.problems import problems_of
 from bella.multilateration.regions import LEVELS, Region
-from bella.multilateration.tdoa_result import tdoa_posterior
+from bella.multilateration.tdoa import tdoa_posterior
 from bella.units import FloatArray
 
 FORMAT_VERSION = 1

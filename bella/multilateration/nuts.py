@@ -17,7 +17,7 @@ import numpy as np
 from bella.arrivals import ArrivalGrid
 from bella.exceptions import ConvergenceError
 from bella.heliosphere.scattering import DirectionalDelay
-from bella.multilateration.flags import predicted_arrivals
+from bella.multilateration.checks import predicted_arrivals
 from bella.multilateration.posterior import AXES, Draws, Moments, Posterior, Recipe, parameters
 from bella.multilateration.priors import Noise, Priors
 from bella.multilateration.regions import Region, region_of_draws

@@ -18,7 +18,7 @@ from bella.multilateration.speed import log_speed_factor, speed_prior_is_gaussia
 from bella.units import FloatArray
 
 LEVELS = (0.68, 0.95)
-FINER = 4
+FINER = 6
 """Each cell is divided this many times, at most, along x and y before regions are measured."""
 POINTS, PIXELS = 8_000, 40_000
 """Points of a posterior, and of the square image around it, from which on its cells are divided less: a long ridge has
