@@ -11,6 +11,7 @@ beyond its order. In space the rectangles are boxes, turned about the z axis.
 from dataclasses import dataclass, replace
 
 import numpy as np
+import numpy.typing as npt
 
 from bella.exceptions import ConvergenceError
 from bella.multilateration.likelihood import (
@@ -90,7 +91,7 @@ class Lattice:
         """Centres, shape (D, M), solar radii."""
         return self.place(self.index + 0.5, self.owner)
 
-    def place(self, index: FloatArray, owner: IntArray) -> FloatArray:
+    def place(self, index: npt.NDArray[np.floating], owner: IntArray) -> FloatArray:
         """Positions, shape (D, *S), of coordinates in cells of the lattices of some problems, solar radii."""
         return turned(self.origin + index * self.side[:, owner], self.turn[:, owner])
 

@@ -346,4 +346,5 @@ def _systematic(mass: FloatArray, number: int, rng: np.random.Generator) -> IntA
     """
     passed = np.ceil(np.cumsum(mass) * number - rng.random())
     passed[-1] = number
-    return np.repeat(np.arange(mass.size), np.diff(np.clip(passed, 0, number).astype(np.intp), prepend=0))
+    passed = np.clip(passed, 0, number)
+    return np.repeat(np.arange(mass.size), np.diff(passed, prepend=0).astype(np.intp))
