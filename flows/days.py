@@ -28,6 +28,7 @@ from bella.bursts.timing import (
 from bella.catalogue import Burst, BurstQuery, Catalogue, Detection, SearchedDay, SourceFile
 from bella.exceptions import BellaError, InputError, NoDataError
 from bella.flags import CATALOGUED, LOCALISABLE
+from bella.records import Origin, origins_beside
 from bella.settings import Settings
 from bella.spectra import by_observatory, open_spectra
 from bella.spectra.archive import DayInMirror
@@ -300,9 +301,12 @@ def known_burst_ids(catalogue: Catalogue, bursts: Sequence[AssociatedBurst]) -> 
         By the name of the burst; no name of the catalogue is given twice, but to the nearest.
     """
     apart = []
+    origins = origins_beside(Origin.ARCHIVE)
     for burst in bursts:
         start = aware(burst.start_utc.to_datetime64())
-        page = catalogue.bursts(BurstQuery(start=start - SAME_BURST, stop=start + SAME_BURST))
+        # those of submissions and of simulated days are never refined by a file of the archive
+        near = BurstQuery(start=start - SAME_BURST, stop=start + SAME_BURST, origins=origins, with_retracted=True)
+        page = catalogue.bursts(near)
         apart += [(abs(one.burst.start_utc - start), burst.burst_id, one.burst.burst_id) for one in page.bursts]
     names: dict[str, str] = {}
     for _, own, known in sorted(apart):

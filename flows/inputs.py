@@ -13,7 +13,7 @@ import pandas as pd
 import xarray as xr
 
 from bella.arrivals import read_arrivals
-from bella.bursts.association import burst_id, onset
+from bella.bursts.association import onset
 from bella.bursts.event import (
     EVENT,
     PUBLISHED_TRACK,
@@ -26,6 +26,7 @@ from bella.bursts.event import (
 from bella.bursts.timing import HALF_RISE, SHARED, channel_arrivals
 from bella.catalogue import Burst, SourceFile
 from bella.exceptions import InputError
+from bella.records import Origin
 from bella.spectra import event_spectra
 
 SUBMISSIONS = "arrival_table"
@@ -66,7 +67,7 @@ class BurstInput:
 
 
 def load_burst(subject: str, incoming: Path) -> BurstInput:
-    """Load the built-in event by its date, or a table that was handed in by its checksum.
+    """Load the built-in event by its date, or a table that was handed in by the id of its submission.
 
     Parameters
     ----------
@@ -120,6 +121,7 @@ def _built_in_event() -> BurstInput:
         EVENT.low_mhz,
         EVENT.high_mhz,
         EVENT.observatories,
+        origin=Origin.EVENT,
     )
     edges = {
         "gauss_hermite": arrivals["gauss_hermite"],
@@ -148,20 +150,20 @@ def _event_sources() -> tuple[SourceFile, ...]:
     )
 
 
-def _submission(sha256: str, table: Path) -> BurstInput:
+def _submission(submission_id: str, table: Path) -> BurstInput:
     arrivals = read_arrivals(table)
-    if hashlib.sha256(table.read_bytes()).hexdigest() != sha256:
-        raise InputError(f"{table.name} is not the table that was handed in; hand it in again")
     start, stop = onset(arrivals), arrivals["arrival_utc"].to_numpy("datetime64[ns]").max()
     frequency = arrivals["frequency_mhz"]
     burst = Burst(
-        burst_id(start),
+        submission_id,
         aware(start),
         aware(stop),
         float(frequency.min()),
         float(frequency.max()),
         tuple(dict.fromkeys(arrivals["observatory"])),
+        origin=Origin.SUBMISSION,
     )
+    sha256 = hashlib.sha256(table.read_bytes()).hexdigest()
     source = SourceFile(SUBMISSIONS, _day(start), "1", sha256, "done", table.name)
     edge = str(arrivals["edge"].iloc[0])
     return BurstInput(burst, {edge: arrivals}, {edge: arrivals}, None, (source,))

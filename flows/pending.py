@@ -33,13 +33,13 @@ def localise_pending() -> int:
 
 
 def _localise_submission(catalogue: Catalogue, waiting: Submission) -> bool:
-    outcomes = localise_burst(subject=waiting.sha256, preset="default", return_state=True).result(
+    outcomes = localise_burst(subject=waiting.submission_id, preset="default", return_state=True).result(
         raise_on_failure=False
     )
     if isinstance(outcomes, Exception):
         _note_failure(catalogue, waiting, outcomes)
         return False
-    catalogue.mark_submission(waiting.sha256, state="done", message="", burst_id=outcomes[0].solution.burst_id)
+    catalogue.mark_submission(waiting.submission_id, state="done", message="", burst_id=outcomes[0].solution.burst_id)
     return True
 
 
@@ -47,6 +47,8 @@ def _note_failure(catalogue: Catalogue, waiting: Submission, error: Exception) -
     """Record why a table failed, unless the next run may do better: then it goes on waiting."""
     unforeseen = f"the service did not foresee this: {type(error).__name__}: {error}"
     foreseen = error if isinstance(error, BellaError) else BellaError(unforeseen)
-    log.warning("submission failed", sha256=waiting.sha256, reason=str(foreseen), retriable=foreseen.retriable)
+    log.warning(
+        "submission failed", submission_id=waiting.submission_id, reason=str(foreseen), retriable=foreseen.retriable
+    )
     if not foreseen.retriable:
-        catalogue.mark_submission(waiting.sha256, state="failed", message=str(foreseen), burst_id=None)
+        catalogue.mark_submission(waiting.submission_id, state="failed", message=str(foreseen), burst_id=None)

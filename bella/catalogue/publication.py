@@ -9,12 +9,12 @@ from datetime import UTC, datetime
 from typing import Any
 
 import structlog
-from sqlalchemy import Connection, Engine, Table, delete, func, insert, select, update
+from sqlalchemy import Connection, Engine, Table, and_, delete, func, insert, select, update
 
 from bella.answer import Answer, answer_of, read_track
+from bella.catalogue.alerts import note_answer
 from bella.catalogue.engine import reading, writing
 from bella.catalogue.models import (
-    ARRIVAL_TABLE,
     BurstObservatoryRow,
     BurstRow,
     LocalisationRow,
@@ -28,9 +28,10 @@ from bella.catalogue.models import (
 from bella.catalogue.preference import follow_publication
 from bella.catalogue.records import Burst, Publication, Series, Solution, SourceFile
 from bella.catalogue.solutions import newest, solution_rows
+from bella.catalogue.submissions import refuse_withdrawn
 from bella.catalogue.upserts import dialect_insert, insert_ignoring
 from bella.exceptions import InputError
-from bella.records import Track
+from bella.records import Origin, Track, origins_beside
 
 _NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_-]*")
 
@@ -89,6 +90,7 @@ def publish(engine: Engine, publication: Publication) -> Solution:
     with writing(engine) as connection:
         # on PostgreSQL this locks the burst's row, on SQLite the transaction holds the lock: publishers queue here
         _upsert_burst(connection, publication.burst)
+        _refuse_others(connection, publication.burst)
         if (same := _same(connection, *key)) is not None:
             connection.rollback()
             return same
@@ -97,6 +99,7 @@ def publish(engine: Engine, publication: Publication) -> Solution:
         _insert_parts(connection, solution_id, publication, fit)
         published = table_of(SolutionRow).c.solution_id == solution_id
         follow_publication(connection, solution_rows(connection, published)[0])
+        note_answer(connection, publication.burst.burst_id)
         solution = solution_rows(connection, published)[0]
     log.info("solution published", burst_id=solution.burst_id, solution_id=solution_id, store_path=solution.store_path)
     return solution
@@ -157,13 +160,27 @@ def _check(publication: Publication) -> None:
         raise InputError(f"{publication.burst.burst_id} is localised twice at {twice} MHz: give each frequency once")
 
 
+def _refuse_others(connection: Connection, burst: Burst) -> None:
+    """Refuse data that may not touch the burst of this id: of another origin, or of a withdrawn submission."""
+    own = table_of(BurstRow).c
+    kept = Origin(connection.execute(select(own.origin).where(own.burst_id == burst.burst_id)).scalar_one())
+    if burst.origin not in origins_beside(kept):
+        raise InputError(
+            f"{burst.burst_id} is of origin {kept}, and data of origin {burst.origin} cannot change it: give them "
+            "another id"
+        )
+    if burst.origin is Origin.SUBMISSION:
+        refuse_withdrawn(connection, burst.burst_id)
+
+
 def _upsert_burst(connection: Connection, burst: Burst) -> None:
     table, heard = table_of(BurstRow), table_of(BurstObservatoryRow)
     values = _plain_row(asdict(burst))
     observatories = values.pop("observatories")
+    values.pop("retracted")
     statement = dialect_insert(connection, table).values(values)
     changed: dict[str, Any] = {
-        name: statement.excluded[name] for name in values if name not in {"burst_id", "spectra_path"}
+        name: statement.excluded[name] for name in values if name not in {"burst_id", "spectra_path", "origin"}
     }
     # a solution made without spectra does not take away those of an earlier one
     changed["spectra_path"] = func.coalesce(statement.excluded.spectra_path, table.c.spectra_path)
@@ -193,6 +210,7 @@ def _insert_solution(connection: Connection, publication: Publication, answer: A
         "store_sha256": publication.store_sha256,
         "created_utc": datetime.now(UTC),
         "reference_utc": publication.reference_utc,
+        "spectra_path": publication.burst.spectra_path,
         **answer.model_dump(),
     }
     connection.execute(insert(table_of(SolutionRow)).values(values))
@@ -213,15 +231,11 @@ def _insert_parts(connection: Connection, solution_id: str, publication: Publica
 
 
 def _source_id(connection: Connection, file: SourceFile) -> int:
-    """Row of an input, inserted if need be; a table that was handed in keeps the row and state it has."""
+    """Row of an input, inserted if need be."""
     table, now = table_of(SourceFileRow), datetime.now(UTC)
-    same = (table.c.dataset == file.dataset) & (table.c.sha256 == file.sha256)
-    if file.dataset != ARRIVAL_TABLE:
-        same &= (table.c.day == file.day) & (table.c.version == file.version)
-    added = insert_ignoring(
-        connection, table, asdict(file) | {"message": "", "received_utc": now, "changed_utc": now, "burst_id": None}
-    )
-    if not added and file.dataset != ARRIVAL_TABLE:
+    same = and_(*(table.c[name] == getattr(file, name) for name in ("dataset", "day", "version", "sha256")))
+    added = insert_ignoring(connection, table, asdict(file) | {"received_utc": now, "changed_utc": now})
+    if not added:
         news = (table.c.state != file.state) | (table.c.uri != file.uri)
         values = {"state": file.state, "uri": file.uri, "changed_utc": now}
         connection.execute(update(table).where(same, news).values(values))

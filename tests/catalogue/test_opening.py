@@ -240,11 +240,11 @@ def test_an_installation_without_migrations_says_so(sqlite_url: str, monkeypatch
 def test_opening_twice_in_a_process_keeps_its_locks(sqlite_url: str, tmp_path: Path) -> None:
     """A handle closed on the file would drop them; another process would then take away a log that is in use."""
     with Catalogue.open(sqlite_url, create=True) as first:
-        first.submit("0" * 64, "first.csv")
+        first.submit("ann", "0" * 64, START.date())
         Catalogue.open(sqlite_url).close()
         code = f"from bella.catalogue import Catalogue; Catalogue.open({sqlite_url!r}).close()"
         subprocess.run([sys.executable, "-c", code], check=True)
         assert (tmp_path / "catalogue.sqlite-wal").exists()
-        first.submit("1" * 64, "second.csv")
+        first.submit("ann", "1" * 64, START.date())
     with Catalogue.open(sqlite_url) as again:
-        assert [one.file_name for one in again.pending_submissions()] == ["first.csv", "second.csv"]
+        assert [one.sha256 for one in again.pending_submissions()] == ["0" * 64, "1" * 64]
