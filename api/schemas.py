@@ -331,10 +331,11 @@ class RegionsReply(Reply):
 
 
 class SubmissionReply(Reply):
-    """An arrival table that was handed in: waiting for the next run, localised, or refused by it."""
+    """An arrival table that was submitted: waiting for the next run, localised, refused by it, or withdrawn."""
 
-    sha256: str
-    state: str = Field(description="received, done or failed.")
+    submission_id: str = Field(description="Also the id of its burst; never that of a burst of the archive.")
+    sha256: str = Field(description="Checksum of the table.")
+    state: str = Field(description="received, done, failed or withdrawn.")
     message: str
     burst_id: str | None
     received_utc: datetime
@@ -345,10 +346,11 @@ class SubmissionReply(Reply):
     def of(cls, submission: Submission) -> "SubmissionReply":
         """Reply for a submission of the catalogue."""
         waiting = "waits for the next scheduled run" if submission.state == "received" else ""
-        links = {"self": f"{API}/arrivals/{submission.sha256}"}
+        links = {"self": f"{API}/arrivals/{submission.submission_id}"}
         if submission.burst_id:
             links["burst"] = f"{API}/bursts/{submission.burst_id}"
         return cls(
+            submission_id=submission.submission_id,
             sha256=submission.sha256,
             state=submission.state,
             message=submission.message or waiting,

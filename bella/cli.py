@@ -44,6 +44,7 @@ from bella.cli_simulate import EPILOG as SIMULATE_EPILOG
 from bella.cli_simulate import simulate
 from bella.cli_spectra import EPILOG as FORMATS_EPILOG
 from bella.cli_spectra import formats
+from bella.cli_token import token_app
 from bella.exceptions import BellaError, InputError
 from bella.flags import APPARENT_SOURCE
 from bella.logs import log_to
@@ -65,6 +66,7 @@ app = typer.Typer(
     add_completion=False,
 )
 app.add_typer(catalogue_app, name="catalogue")
+app.add_typer(token_app, name="token")
 
 out, err = Console(), Console(stderr=True)
 

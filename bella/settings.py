@@ -32,6 +32,9 @@ class Settings(BaseSettings):
     max_pending_submissions: PositiveInt = Field(
         default=100, description="Arrival tables that may wait for the next run; further ones are asked to come later."
     )
+    open_submissions: bool = Field(
+        default=False, description="Whether anybody may submit arrival tables without a token."
+    )
     max_submission_bytes: PositiveInt = Field(
         default=2_000_000, description="Largest arrival table that is accepted over HTTP, bytes."
     )

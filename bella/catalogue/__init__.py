@@ -25,8 +25,10 @@ from bella.catalogue.records import (
     Webhook,
     edge_rank,
 )
+from bella.catalogue.submissions import ANONYMOUS, submission_name
 
 __all__ = [
+    "ANONYMOUS",
     "Burst",
     "BurstPage",
     "BurstQuery",
@@ -50,4 +52,5 @@ __all__ = [
     "Token",
     "Webhook",
     "edge_rank",
+    "submission_name",
 ]

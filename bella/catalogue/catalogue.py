@@ -340,9 +340,9 @@ class Catalogue:
         """Note that a receiver does not answer."""
         webhooks.note_away(self._engine, webhook_id, message, again_utc)
 
-    def submit(self, token_id: str, sha256: str, day: date) -> Submission:
+    def submit(self, token_id: str, sha256: str, submission_id: str) -> Submission:
         """Note that an arrival table was submitted; see `submissions.submit`."""
-        return submissions.submit(self._engine, token_id, sha256, day)
+        return submissions.submit(self._engine, token_id, sha256, submission_id)
 
     def submission(self, submission_id: str) -> Submission:
         """One submission; NoDataError where there is none of that id."""

@@ -28,7 +28,7 @@ def submission_name(day: date) -> str:
     return f"S-{day:%Y%m%d}-{''.join(secrets.choice(_LETTERS) for _ in range(_RANDOM_LETTERS))}"
 
 
-def submit(engine: Engine, token_id: str, sha256: str, day: date) -> Submission:
+def submit(engine: Engine, token_id: str, sha256: str, submission_id: str) -> Submission:
     """Note that an arrival table was submitted.
 
     Parameters
@@ -38,8 +38,8 @@ def submit(engine: Engine, token_id: str, sha256: str, day: date) -> Submission:
         Whose submission it is; the same table of another token is another submission.
     sha256 : str
         Checksum of the table.
-    day : datetime.date
-        Of the onset of its burst.
+    submission_id : str
+        New one, of :func:`submission_name`; it is not used where this token submitted the same table before.
 
     Returns
     -------
@@ -49,7 +49,7 @@ def submit(engine: Engine, token_id: str, sha256: str, day: date) -> Submission:
     """
     now = datetime.now(UTC)
     new = {
-        "submission_id": submission_name(day),
+        "submission_id": submission_id,
         "token_id": token_id,
         "sha256": sha256,
         "state": RECEIVED,

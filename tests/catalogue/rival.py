@@ -7,7 +7,7 @@ from typing import Any
 
 import structlog
 
-from bella.catalogue import Catalogue
+from bella.catalogue import Catalogue, submission_name
 from bella.catalogue.leases import acquire
 from bella.exceptions import BellaError
 from tests.catalogue.examples import publication
@@ -30,7 +30,7 @@ def publish(url: str, hashes: list[str]) -> list[str]:
 
 def submit(url: str, sha256: str) -> str:
     with Catalogue.open(url) as catalogue:
-        return catalogue.submit("ann", sha256, date(2012, 6, 7)).state
+        return catalogue.submit("ann", sha256, submission_name(date(2012, 6, 7))).state
 
 
 def _unique_path() -> str:
