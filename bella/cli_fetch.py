@@ -17,8 +17,8 @@ from rich.table import Table
 from bella.exceptions import InputError, UnreachableError
 
 if TYPE_CHECKING:
+    from bella.archive import Dataset, DayInMirror
     from bella.settings import Settings
-    from bella.spectra.archive import Dataset, DayInMirror
 
 out, err = Console(), Console(stderr=True)
 
@@ -41,7 +41,7 @@ def fetch(  # noqa: PLR0913, PLR0917 - one argument per option
     as_json: Annotated[bool, typer.Option("--json", help="Print JSON instead of a table.")] = False,
 ) -> None:
     """Fetch spectra from the archive; tells what is there, what is not yet, and what could not be asked."""
-    from bella.spectra.archive import fetch_days, open_archive
+    from bella.archive import fetch_days, open_archive
 
     settings = _settings(home)
     begin, end = day_range(first, last)
@@ -113,7 +113,7 @@ def day_option(text: str, option: str) -> date:
 
 def _wanted(keys: list[str], days: list[date]) -> "list[Dataset]":
     """Data sets that were asked for, or all that have one of these days."""
-    from bella.spectra.archive import find_datasets
+    from bella.archive import find_datasets
 
     found = find_datasets(keys)
     return [one for one in found if keys or any(one.covers(day) for day in (days[0], days[-1]))]

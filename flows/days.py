@@ -12,6 +12,7 @@ import structlog
 import xarray as xr
 
 import bella
+from bella.archive import DayInMirror
 from bella.bursts.association import AssociatedBurst, Member, associate, association_table
 from bella.bursts.detection import search
 from bella.bursts.timing import (
@@ -30,7 +31,6 @@ from bella.exceptions import BellaError, InputError, NoDataError
 from bella.flags import CATALOGUED, LOCALISABLE
 from bella.settings import Settings
 from bella.spectra import by_observatory, open_spectra
-from bella.spectra.archive import DayInMirror
 from flows.directions import burst_directions
 from flows.inputs import BurstInput, aware
 from flows.solar_wind import day_digest

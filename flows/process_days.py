@@ -14,13 +14,13 @@ import structlog
 from prefect import flow
 
 import bella
+from bella.archive import DayInMirror, fetch_days, find_datasets, open_archive
 from bella.bursts.association import AssociatedBurst
 from bella.catalogue import Catalogue, Detection
 from bella.exceptions import BellaError
 from bella.flags import LOCALISABLE
 from bella.logs import log_to
 from bella.settings import Settings
-from bella.spectra.archive import DayInMirror, fetch_days, find_datasets, open_archive
 from flows.day_figure import draw_day, redraw_day
 from flows.days import (
     DAY,

@@ -15,12 +15,11 @@ from typing import Any
 
 import pytest
 
+from bella.archive import Manners, versions
+from bella.archive.download import complaint, download
+from bella.archive.sources import open_source
 from bella.exceptions import InputError, UnreachableError
-from bella.spectra.archive import Manners, versions
-from bella.spectra.archive_content import complaint
-from bella.spectra.archive_download import download
-from bella.spectra.archive_sources import open_source
-from tests.spectra.archive_server import (
+from tests.archive.server import (
     DAY,
     H1,
     Clock,
@@ -358,7 +357,7 @@ FETCH = """
 import sys
 from datetime import date
 from pathlib import Path
-from bella.spectra.archive import find_datasets, open_archive
+from bella.archive import find_datasets, open_archive
 archive, (dataset,) = open_archive(sys.argv[1], interval_s=0.01), find_datasets(["WI_H1_WAV"])
 day = archive.fetch(dataset, date(2012, 6, 7), Path(sys.argv[2]))
 print(day.state, day.files[0].sha256)

@@ -11,26 +11,11 @@ from datetime import date
 from pathlib import Path
 from typing import Literal
 
+from bella.archive.datasets import Dataset
+from bella.archive.download import MirrorFile, download
+from bella.archive.manners import Manners
+from bella.archive.sources import FolderSource, Source, open_source
 from bella.exceptions import UnreachableError
-from bella.spectra.archive_datasets import DATASETS, Dataset, find_datasets
-from bella.spectra.archive_download import FileVersion, MirrorFile, download, versions
-from bella.spectra.archive_manners import Manners
-from bella.spectra.archive_sources import FolderSource, Source, open_source
-
-__all__ = [
-    "DATASETS",
-    "Archive",
-    "Dataset",
-    "DayFiles",
-    "DayInMirror",
-    "FileVersion",
-    "Manners",
-    "MirrorFile",
-    "fetch_days",
-    "find_datasets",
-    "open_archive",
-    "versions",
-]
 
 DayState = Literal["fetched", "unchanged", "replaced", "no_file_yet", "not_covered", "unreachable"]
 
