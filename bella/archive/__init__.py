@@ -1,11 +1,12 @@
 """Data sets of the archives, their listing and download, and the mirror: files, not their content."""
 
-from bella.archive.datasets import DATASETS, Dataset, find_datasets
-from bella.archive.download import FileVersion, MirrorFile, versions
+from bella.archive.datasets import COMPANIONS, DATASETS, Dataset, find_datasets
+from bella.archive.download import FileVersion, MirrorFile, set_aside, versions
 from bella.archive.manners import Manners
-from bella.archive.mirror import Archive, DayFiles, DayInMirror, fetch_days, open_archive
+from bella.archive.mirror import Archive, DayFiles, DayInMirror, fetch_days, held_day, open_archive
 
 __all__ = [
+    "COMPANIONS",
     "DATASETS",
     "Archive",
     "Dataset",
@@ -16,6 +17,8 @@ __all__ = [
     "MirrorFile",
     "fetch_days",
     "find_datasets",
+    "held_day",
     "open_archive",
+    "set_aside",
     "versions",
 ]

@@ -7,17 +7,21 @@ next run asks again.
 
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
-from datetime import date
+from datetime import UTC, date, datetime
 from pathlib import Path
 from typing import Literal
 
 from bella.archive.datasets import Dataset
-from bella.archive.download import MirrorFile, download
+from bella.archive.download import MirrorFile, Times, download, is_due_again
 from bella.archive.manners import Manners
 from bella.archive.sources import FolderSource, Source, open_source
 from bella.exceptions import UnreachableError
 
 DayState = Literal["fetched", "unchanged", "replaced", "no_file_yet", "not_covered", "unreachable"]
+
+
+class NoFolderError(UnreachableError):
+    """The archive answers, and has none of the folders of a data set."""
 
 
 @dataclass(frozen=True)
@@ -81,11 +85,15 @@ class Archive:
         Where it is.
     manners : Manners
         Pace and patience.
+    now : datetime.datetime, optional
+        What records give as the time of this run; the time of day of this machine when not given.
     """
 
-    def __init__(self, source: Source, manners: Manners) -> None:
+    def __init__(self, source: Source, manners: Manners, now: datetime | None = None) -> None:
         self._source = source
         self._manners = manners
+        self._now = now
+        self._listed_at: dict[str, datetime] = {}
         self._listed: dict[str, frozenset[str] | UnreachableError | None] = {}
         self._fetched: dict[str, MirrorFile] = {}
 
@@ -150,9 +158,41 @@ class Archive:
         state: DayState = "replaced" if "replaced" in states else "fetched" if "fetched" in states else "unchanged"
         return DayInMirror(dataset, day, state, files, found.due, found.complete)
 
+    def renew(self, dataset: Dataset, day: date, mirror: Path) -> MirrorFile | None:
+        """Bring the file of a day into a mirror where it is new, has another version, or is due to be asked for again.
+
+        Parameters
+        ----------
+        dataset : Dataset
+            The data set.
+        day : datetime.date
+            The day, UTC.
+        mirror : pathlib.Path
+            Folder of the mirror.
+
+        Returns
+        -------
+        MirrorFile or None
+            None where the archive has no file, or nothing had to be asked.
+
+        Raises
+        ------
+        UnreachableError, InputError
+            As :meth:`fetch`.
+        """
+        path = self._newest(dataset, day) if dataset.covers(day) else None
+        if path is None:
+            return None
+        grows = dataset.period != "day"  # and so it is asked for in every round
+        if not grows and not is_due_again(mirror / path, self._now or datetime.now(UTC)):
+            return None
+        return self._download(path, mirror)
+
     def _download(self, path: str, mirror: Path) -> MirrorFile:
         if path not in self._fetched:
-            self._fetched[path] = download(self._source, self._manners, path, mirror)
+            now = self._now or datetime.now(UTC)
+            times = Times(now, self._listed_at.get(path.rpartition("/")[0], now))
+            self._fetched[path] = download(self._source, self._manners, path, mirror, times)
         return self._fetched[path]
 
     def _newest(self, dataset: Dataset, day: date) -> str | None:
@@ -166,20 +206,23 @@ class Archive:
                 if version is not None:
                     found.append((version, f"{folder}/{name}"))
         if all(names is None for names in listings.values()) and not any(map(self._lacks_year, folders)):
-            raise UnreachableError(f"the archive has no folder {folders[0]}: it was moved, or --archive is wrong")
+            raise NoFolderError(f"the archive has no folder {folders[0]}: it was moved, or --archive is wrong")
         return max(found, key=lambda one: one[0])[1] if found else None
 
     def _lacks_year(self, folder: str) -> bool:
-        """Whether the folder above is there and does not have this one: the year has not begun in the archive."""
-        above, _, year = folder.rpartition("/")
+        """Whether a folder above is there and does not have this one: year or month have not begun in the archive."""
+        above, _, own = folder.rpartition("/")
         names = self._names(above)
-        return names is not None and year not in names
+        if names is None:
+            return above.rpartition("/")[2].isdigit() and self._lacks_year(above)
+        return own not in names
 
     def _names(self, folder: str) -> frozenset[str] | None:
         """Names in a folder; a failure is raised again for the rest of this run, not taken for an empty folder."""
         if folder not in self._listed:
             try:
                 self._listed[folder] = self._manners.persist(lambda: self._source.names(folder))
+                self._listed_at[folder] = self._now or datetime.now(UTC)
             except UnreachableError as error:
                 self._listed[folder] = error
         known = self._listed[folder]
@@ -188,7 +231,9 @@ class Archive:
         return known
 
 
-def open_archive(root: str, *, timeout_s: float = 30.0, interval_s: float = 1.0) -> Archive:
+def open_archive(
+    root: str, *, timeout_s: float = 30.0, interval_s: float = 1.0, now: datetime | None = None
+) -> Archive:
     """Open an archive; nothing is asked yet.
 
     Parameters
@@ -199,6 +244,8 @@ def open_archive(root: str, *, timeout_s: float = 30.0, interval_s: float = 1.0)
         Longest silence of the archive, s.
     interval_s : float, optional
         Least time between two requests to an archive behind HTTP, s.
+    now : datetime.datetime, optional
+        What records give as the time of this run.
 
     Returns
     -------
@@ -211,7 +258,38 @@ def open_archive(root: str, *, timeout_s: float = 30.0, interval_s: float = 1.0)
         If the root is neither a URL nor a folder.
     """
     source = open_source(root, timeout_s)
-    return Archive(source, Manners(0.0 if isinstance(source, FolderSource) else interval_s))
+    return Archive(source, Manners(0.0 if isinstance(source, FolderSource) else interval_s), now)
+
+
+def held_day(dataset: Dataset, day: date, mirror: Path) -> DayInMirror:
+    """What the mirror itself holds of a day; no archive is asked.
+
+    Parameters
+    ----------
+    dataset : Dataset
+        The data set.
+    day : datetime.date
+        The day, UTC.
+    mirror : pathlib.Path
+        Folder of the mirror.
+
+    Returns
+    -------
+    DayInMirror
+        In state ``unchanged``, ``no_file_yet`` or ``not_covered``, with the newest whole version of each file.
+
+    Raises
+    ------
+    UnreachableError
+        If the mirror cannot be read.
+    """
+    if not mirror.is_dir():
+        return DayInMirror(dataset, day, "no_file_yet", due=dataset.due(day))
+    own = Archive(FolderSource(mirror), Manners(0.0, attempts=1))
+    try:
+        return own.fetch(dataset, day, mirror)
+    except NoFolderError:
+        return DayInMirror(dataset, day, "no_file_yet", due=dataset.due(day))
 
 
 def fetch_days(

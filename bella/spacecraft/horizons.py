@@ -115,7 +115,9 @@ def _answer(url: str, query: dict[str, str]) -> str:
     try:
         with httpx.stream("GET", url, params=query, timeout=TIMEOUT_S, follow_redirects=True) as response:
             if response.status_code != httpx.codes.OK:
-                raise UnreachableError(f"Horizons refused the query with status {response.status_code}: try again later")
+                raise UnreachableError(
+                    f"Horizons refused the query with status {response.status_code}: try again later"
+                )
             for piece in response.iter_bytes():
                 content += piece
                 if len(content) > LARGEST_ANSWER:
