@@ -59,6 +59,10 @@ class Settings(BaseSettings):
         default="https://spdf.gsfc.nasa.gov",
         description="Archive that spectra are fetched from: URL, or folder, below which pub/data is.",
     )
+    regions_archive: str = Field(
+        default="https://www.ngdc.noaa.gov",
+        description="Archive that NOAA's Solar Region Summaries are fetched from: URL, or folder, below which stp is.",
+    )
     archive_interval_s: PositiveFloat = Field(
         default=1.0, description="Least time between two requests to the archive, s."
     )
@@ -68,12 +72,13 @@ class Settings(BaseSettings):
 
     in_situ: Path | None = Field(
         default=None,
-        description="Folder of hourly solar wind speeds measured in situ. Without it the wind of a burst is not given.",
+        description="Folder of hourly solar wind speeds measured in situ, which `bella fetch --follow` fills. Without "
+        "it the wind of a burst is not given.",
     )
     regions: Path | None = Field(
         default=None,
-        description="Folder of NOAA's Solar Region Summaries and of tables of coronal holes. Without it no source "
-        "regions are given.",
+        description="Folder of NOAA's Solar Region Summaries, which `bella fetch --follow` fills, and of tables of "
+        "coronal holes. Without it no source regions are given.",
     )
 
     @field_validator("in_situ", "regions", mode="before")
@@ -123,8 +128,8 @@ class Settings(BaseSettings):
 
     @property
     def ephemeris_extension(self) -> Path:
-        """Table of positions after the end of the packaged one; `bella update-ephemeris` writes it."""
-        return self.home / "ephemeris.nc"
+        """Table of positions after the end of the packaged one, which `bella fetch --follow` keeps up to date."""
+        return self.mirror_root / "ephemeris.nc"
 
 
 def read_settings() -> Settings:

@@ -3,7 +3,7 @@
 from bella.archive.datasets import COMPANIONS, DATASETS, Dataset, find_datasets
 from bella.archive.download import FileVersion, MirrorFile, set_aside, versions
 from bella.archive.manners import Manners
-from bella.archive.mirror import Archive, DayFiles, DayInMirror, fetch_days, held_day, open_archive
+from bella.archive.mirror import Archive, DayFiles, DayInMirror, fetch_days, open_archive
 
 __all__ = [
     "COMPANIONS",
@@ -17,7 +17,6 @@ __all__ = [
     "MirrorFile",
     "fetch_days",
     "find_datasets",
-    "held_day",
     "open_archive",
     "set_aside",
     "versions",

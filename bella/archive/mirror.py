@@ -58,7 +58,7 @@ class DayInMirror:
         ``fetched``, ``unchanged`` or ``replaced``: the files are in the mirror. ``no_file_yet``: the archive has none.
         ``not_covered``: the data set has ended, or begins later. ``unreachable``: not known, ask again.
     files : tuple of MirrorFile
-        Files in the mirror, that of the day first.
+        Files in the mirror, that of the day first; none from :meth:`Archive.renew` where nothing had to be asked.
     due : datetime.date or None
         Day when the file usually is there.
     complete : bool
@@ -158,8 +158,11 @@ class Archive:
         state: DayState = "replaced" if "replaced" in states else "fetched" if "fetched" in states else "unchanged"
         return DayInMirror(dataset, day, state, files, found.due, found.complete)
 
-    def renew(self, dataset: Dataset, day: date, mirror: Path) -> MirrorFile | None:
+    def renew(self, dataset: Dataset, day: date, mirror: Path) -> DayInMirror:
         """Bring the file of a day into a mirror where it is new, has another version, or is due to be asked for again.
+
+        Only the listing of its folder is asked for where the file is there already. Files of neighbouring days are
+        those of other calls.
 
         Parameters
         ----------
@@ -172,21 +175,24 @@ class Archive:
 
         Returns
         -------
-        MirrorFile or None
-            None where the archive has no file, or nothing had to be asked.
+        DayInMirror
+            Never in state ``unreachable``.
 
         Raises
         ------
         UnreachableError, InputError
             As :meth:`fetch`.
         """
-        path = self._newest(dataset, day) if dataset.covers(day) else None
+        if not dataset.covers(day):
+            return DayInMirror(dataset, day, "not_covered")
+        path, due = self._newest(dataset, day), dataset.due(day)
         if path is None:
-            return None
+            return DayInMirror(dataset, day, "no_file_yet", due=due)
         grows = dataset.period != "day"  # and so it is asked for in every round
         if not grows and not is_due_again(mirror / path, self._now or datetime.now(UTC)):
-            return None
-        return self._download(path, mirror)
+            return DayInMirror(dataset, day, "unchanged", due=due)
+        file = self._download(path, mirror)
+        return DayInMirror(dataset, day, file.state, (file,), due)
 
     def _download(self, path: str, mirror: Path) -> MirrorFile:
         if path not in self._fetched:
@@ -259,37 +265,6 @@ def open_archive(
     """
     source = open_source(root, timeout_s)
     return Archive(source, Manners(0.0 if isinstance(source, FolderSource) else interval_s), now)
-
-
-def held_day(dataset: Dataset, day: date, mirror: Path) -> DayInMirror:
-    """What the mirror itself holds of a day; no archive is asked.
-
-    Parameters
-    ----------
-    dataset : Dataset
-        The data set.
-    day : datetime.date
-        The day, UTC.
-    mirror : pathlib.Path
-        Folder of the mirror.
-
-    Returns
-    -------
-    DayInMirror
-        In state ``unchanged``, ``no_file_yet`` or ``not_covered``, with the newest whole version of each file.
-
-    Raises
-    ------
-    UnreachableError
-        If the mirror cannot be read.
-    """
-    if not mirror.is_dir():
-        return DayInMirror(dataset, day, "no_file_yet", due=dataset.due(day))
-    own = Archive(FolderSource(mirror), Manners(0.0, attempts=1))
-    try:
-        return own.fetch(dataset, day, mirror)
-    except NoFolderError:
-        return DayInMirror(dataset, day, "no_file_yet", due=dataset.due(day))
 
 
 def fetch_days(

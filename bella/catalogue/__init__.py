@@ -2,6 +2,8 @@
 
 from bella.catalogue.catalogue import Catalogue
 from bella.catalogue.leases import Lease
+from bella.catalogue.observability import FleetMap, ObservedDay, ReceiverDay
+from bella.catalogue.operation import Freshness, Latency, MockRun, Operation, SolutionTimes, Work
 from bella.catalogue.records import (
     Burst,
     BurstPage,
@@ -31,15 +33,24 @@ __all__ = [
     "DayPage",
     "DaySummary",
     "Detection",
+    "FleetMap",
+    "Freshness",
+    "Latency",
     "Lease",
     "Localisation",
+    "MockRun",
+    "ObservedDay",
+    "Operation",
     "Preference",
     "Publication",
+    "ReceiverDay",
     "SearchedDay",
     "Series",
     "Solution",
+    "SolutionTimes",
     "SourceFile",
     "StageRun",
     "Submission",
+    "Work",
     "edge_rank",
 ]

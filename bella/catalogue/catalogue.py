@@ -10,6 +10,7 @@ from sqlalchemy import Engine, text
 
 from bella.catalogue import days, detections, leases, preference, publication, queries, schema, solutions, submissions
 from bella.catalogue.engine import connect, display_name, parse_url, reading
+from bella.catalogue.operation import Operation
 from bella.catalogue.records import (
     BurstPage,
     BurstQuery,
@@ -38,11 +39,14 @@ class Catalogue:
     ----------
     name : str
         Name of the database for messages, without its password.
+    operation : Operation
+        Tables about the service itself: freshness, latencies, mock bursts, observability.
     """
 
     def __init__(self, engine: Engine) -> None:
         self._engine = engine
         self.name = display_name(engine.url)
+        self.operation = Operation(engine)
 
     @classmethod
     def open(cls, database_url: str, *, create: bool = False) -> Self:
