@@ -18,6 +18,7 @@ from bella.catalogue.records import (
     Solution,
     SourceFile,
     StageRun,
+    StoredGroup,
     Submission,
     edge_rank,
 )
@@ -40,6 +41,7 @@ __all__ = [
     "Solution",
     "SourceFile",
     "StageRun",
+    "StoredGroup",
     "Submission",
     "edge_rank",
 ]
