@@ -38,14 +38,35 @@ class Settings(BaseSettings):
     lease_s: PositiveFloat = Field(
         default=300.0, description="Time after which a run that has shown no sign of life counts as dead, s."
     )
-    schedule_s: PositiveFloat = Field(default=300.0, description="Interval of the scheduled deployment, s.")
+    schedule_s: PositiveFloat = Field(
+        default=300.0, description="Interval at which submitted arrival tables are localised, s."
+    )
+    workers: PositiveInt = Field(
+        default=1,
+        description="Processes that search days and localise bursts side by side; results do not depend on it.",
+    )
+    newest_days: NonNegativeInt = Field(
+        default=3, description="Days before today that are looked at every `days_schedule_s`; earlier ones less often."
+    )
+    days_schedule_s: PositiveFloat = Field(
+        default=60.0, description="Interval at which the newest days of the mirror are looked at, s."
+    )
+    ingest_schedule_s: PositiveFloat = Field(
+        default=300.0, description="Interval at which the archives are asked for what is due, s."
+    )
+    mock_schedule_s: PositiveFloat = Field(
+        default=3600.0, description="Interval of the mock burst that tests the whole path, s."
+    )
+    housekeeping_schedule_s: PositiveFloat = Field(
+        default=3600.0, description="Interval at which the store is swept of what killed runs have left, s."
+    )
     recent_days: NonNegativeInt = Field(
         default=0,
-        description="Days before today that the schedule fetches and processes again where files are new; 0 for none. "
+        description="Days before today that the schedule processes, and again where files are new; 0 for none. "
         "The last spacecraft's data come after four months.",
     )
     recent_schedule_s: PositiveFloat = Field(
-        default=21_600.0, description="Interval at which the days before today are looked at, s."
+        default=21_600.0, description="Interval at which days before the newest are looked at for later data, s."
     )
     draws: PositiveInt = Field(default=4000, description="Posterior draws kept per frequency.")
     seed: int = Field(default=20120607, description="Seed of the posterior draws; stored with every solution.")

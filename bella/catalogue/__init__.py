@@ -20,6 +20,7 @@ from bella.catalogue.records import (
     Solution,
     SourceFile,
     StageRun,
+    StoredGroup,
     Submission,
     edge_rank,
 )
@@ -50,6 +51,7 @@ __all__ = [
     "SolutionTimes",
     "SourceFile",
     "StageRun",
+    "StoredGroup",
     "Submission",
     "Work",
     "edge_rank",

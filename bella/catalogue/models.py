@@ -111,7 +111,7 @@ class SourceFileRow(Base):
 
 
 class SearchedDayRow(Base):
-    """Days whose spectra were searched for bursts, and what they were searched in."""
+    """Answers about days: what their spectra were searched in, or why they were not searched."""
 
     __tablename__ = "searched_day"
 
@@ -120,6 +120,8 @@ class SearchedDayRow(Base):
     code_version: Mapped[str]
     observatories: Mapped[str]
     searched_utc: Mapped[datetime] = mapped_column(UtcTime)
+    answer: Mapped[str] = mapped_column(server_default="no burst")
+    reason: Mapped[str] = mapped_column(server_default="")
 
 
 class DetectionRow(Base):
@@ -195,6 +197,7 @@ class SolutionRow(Base):
     code_version: Mapped[str]
     store_path: Mapped[str]
     store_sha256: Mapped[str]
+    spectra_path: Mapped[str | None]
     created_utc: Mapped[datetime] = mapped_column(UtcTime)
     reference_utc: Mapped[datetime] = mapped_column(UtcTime)
     tier: Mapped[str] = mapped_column(server_default="final")
