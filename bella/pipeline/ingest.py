@@ -19,6 +19,7 @@ import structlog
 from bella.archive import COMPANIONS, DATASETS, Archive, Dataset, DayInMirror, open_archive, versions
 from bella.catalogue import Catalogue, Freshness
 from bella.exceptions import BellaError, NoDataError, UnreachableError
+from bella.pipeline.mirror import remember_answers
 from bella.settings import Settings
 from bella.spacecraft.horizons import HORIZONS_IDS, fetch_orbit
 from bella.spacecraft.update import Extended, extend_table
@@ -150,6 +151,8 @@ def bring_up_to_date(
                     opened[feed.root] = _opened(feed.root, settings, now)
                 answers = list(_renewed(opened[feed.root], dataset, feed, now.date(), beat))
                 days += answers
+                if dataset.kind == "spectra":
+                    remember_answers(answers, settings.mirror_root)
                 asked.append(_freshness(dataset, feed, answers, known.get(dataset.key), now))
                 catalogue.operation.record_freshness(asked[-1])
         if _is_due(EPHEMERIS):
