@@ -233,6 +233,14 @@ class JointTrack(Record):
     flags: tuple[str, ...] = ()
 
 
+class PreliminaryLevel(Record):
+    """Where the final longitude of a burst is in the posterior that its preliminary track had."""
+
+    solution_id: str = Field(description="Of the preliminary track.")
+    phi0_deg: float = Field(description="Final longitude at 1 solar radius, median.")
+    level: float = Field(description="Probability of the smallest region that reaches it: uniform where honest.")
+
+
 class Track(Record):
     """Everything that is said of the track of a burst."""
 
@@ -287,3 +295,6 @@ class Alert(Record):
     phi0_68: tuple[Interval, ...] = ()
     sources: tuple[AlertSource, ...] = ()
     flags: tuple[str, ...] = ()
+    preliminary: PreliminaryLevel | None = Field(
+        default=None, description="Of a burst that two spacecraft had been heard by before: how well that held."
+    )

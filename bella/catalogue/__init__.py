@@ -2,6 +2,8 @@
 
 from bella.catalogue.catalogue import Catalogue
 from bella.catalogue.leases import Lease
+from bella.catalogue.observability import FleetMap, ObservedDay, ReceiverDay
+from bella.catalogue.operation import Freshness, Latency, MockRun, Operation, SolutionTimes, Work
 from bella.catalogue.records import (
     Burst,
     BurstPage,
@@ -20,6 +22,7 @@ from bella.catalogue.records import (
     Solution,
     SourceFile,
     StageRun,
+    StoredGroup,
     Submission,
     Token,
     Webhook,
@@ -38,19 +41,29 @@ __all__ = [
     "DaySummary",
     "Delivery",
     "Detection",
+    "FleetMap",
+    "Freshness",
+    "Latency",
     "Lease",
     "Localisation",
+    "MockRun",
+    "ObservedDay",
+    "Operation",
     "Preference",
     "Publication",
+    "ReceiverDay",
     "Retraction",
     "SearchedDay",
     "Series",
     "Solution",
+    "SolutionTimes",
     "SourceFile",
     "StageRun",
+    "StoredGroup",
     "Submission",
     "Token",
     "Webhook",
+    "Work",
     "edge_rank",
     "submission_name",
 ]

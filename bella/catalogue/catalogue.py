@@ -1,6 +1,6 @@
 """The catalogue as its callers see it: one class, whose methods are short transactions."""
 
-from collections.abc import Collection, Sequence
+from collections.abc import Callable, Collection, Sequence
 from contextlib import AbstractContextManager
 from datetime import date, datetime
 from types import TracebackType
@@ -25,6 +25,7 @@ from bella.catalogue import (
     webhooks,
 )
 from bella.catalogue.engine import connect, display_name, parse_url, reading
+from bella.catalogue.operation import Operation
 from bella.catalogue.records import (
     BurstPage,
     BurstQuery,
@@ -39,6 +40,7 @@ from bella.catalogue.records import (
     Solution,
     SourceFile,
     StageRun,
+    StoredGroup,
     Submission,
     Token,
     Webhook,
@@ -56,11 +58,14 @@ class Catalogue:
     ----------
     name : str
         Name of the database for messages, without its password.
+    operation : Operation
+        Tables about the service itself: freshness, latencies, mock bursts, observability.
     """
 
     def __init__(self, engine: Engine) -> None:
         self._engine = engine
         self.name = display_name(engine.url)
+        self.operation = Operation(engine)
 
     @classmethod
     def open(cls, database_url: str, *, create: bool = False) -> Self:
@@ -134,7 +139,7 @@ class Catalogue:
         run_id : str
             Run that works on it.
         duration_s : float
-            Time after which the run counts as dead, s; `Lease.renew` extends it.
+            Time after which a run that does not renew it counts as dead, s; a thread renews it during the block.
 
         Returns
         -------
@@ -147,17 +152,27 @@ class Catalogue:
         """Last runs of all stages, the latest first; see `leases.stage_runs`."""
         return leases.stage_runs(self._engine, limit)
 
+    def held_subjects(self) -> frozenset[str]:
+        """What live runs work on, such as burst ids and days; see `leases.held_subjects`."""
+        return leases.held_subjects(self._engine)
+
     def find_solution(self, burst_id: str, series: Series, inputs_hash: str, code_version: str) -> Solution | None:
         """The newest version of a series if it has these inputs and this code; see `publication.find_solution`."""
         return publication.find_solution(self._engine, burst_id, series, inputs_hash, code_version)
 
-    def publish(self, new: Publication) -> Solution:
+    def publish(
+        self, new: Publication, lease: leases.Lease | None = None, check: Callable[[], None] = lambda: None
+    ) -> Solution:
         """Make a solution visible as the next version of its series; see `publication.publish`.
 
         Parameters
         ----------
         new : Publication
             The solution and all that belongs to it; its group must be in the store already.
+        lease : Lease, optional
+            Right to work on the burst; where it is lost nothing is published.
+        check : callable, optional
+            Called last in the transaction; what it raises undoes all of it.
 
         Returns
         -------
@@ -169,7 +184,7 @@ class Catalogue:
         InputError
             Where a name cannot be part of a solution id, or the localisations are not one per frequency.
         """
-        return publication.publish(self._engine, new)
+        return publication.publish(self._engine, new, lease, check)
 
     def bursts(self, query: BurstQuery | None = None) -> BurstPage:
         """One page of bursts by ascending onset; see `queries.bursts`.
@@ -229,9 +244,17 @@ class Catalogue:
         """Store paths the catalogue refers to, which a sweep of the store must spare."""
         return solutions.referenced_paths(self._engine)
 
-    def record_day(self, day: SearchedDay, found: Sequence[Detection]) -> None:
+    def stored_groups(self) -> tuple[StoredGroup, ...]:
+        """Every group of the store the catalogue refers to, with its checksum; see `solutions.stored_groups`."""
+        return solutions.stored_groups(self._engine)
+
+    def record_day(self, day: SearchedDay, found: Sequence[Detection], lease: leases.Lease | None = None) -> None:
         """Replace what is known of a searched day, in one commit; see `detections.record_day`."""
-        detections.record_day(self._engine, day, found)
+        detections.record_day(self._engine, day, found, lease)
+
+    def record_unsearched(self, day: SearchedDay) -> None:
+        """Keep why a day was not searched, unless it was before; see `detections.record_unsearched`."""
+        detections.record_unsearched(self._engine, day)
 
     def searched_day(self, day: date, origins: Sequence[Origin] = REAL_ORIGINS) -> SearchedDay | None:
         """What a day was searched in, in data of the first of these origins; None where it was not."""

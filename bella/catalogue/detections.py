@@ -5,20 +5,23 @@ from dataclasses import asdict
 from datetime import UTC, date, datetime
 from typing import Any
 
-from sqlalchemy import Engine, Row, delete, insert, select
+from sqlalchemy import Engine, Row, delete, insert, select, update
 
 from bella.catalogue.engine import reading, writing
+from bella.catalogue.leases import Lease, check_held
 from bella.catalogue.models import DetectionRow, SearchedDayRow, as_utc, table_of
 from bella.catalogue.records import Detection, SearchedDay
+from bella.catalogue.upserts import insert_ignoring
 from bella.exceptions import InputError
-from bella.records import REAL_ORIGINS, Origin
+from bella.records import REAL_ORIGINS, DayAnswer, Origin
 
 MAX_DETECTIONS = 10_000
 _DAYS, _DETECTIONS = table_of(SearchedDayRow), table_of(DetectionRow)
+UNSEARCHED = (DayAnswer.NO_DATA, DayAnswer.ARCHIVE_SILENT)
 _COLUMNS = tuple(Detection.__dataclass_fields__)
 
 
-def record_day(engine: Engine, day: SearchedDay, found: Sequence[Detection]) -> None:
+def record_day(engine: Engine, day: SearchedDay, found: Sequence[Detection], lease: Lease | None = None) -> None:
     """Replace what is known of a day in files of its origin, in one commit.
 
     Parameters
@@ -28,8 +31,15 @@ def record_day(engine: Engine, day: SearchedDay, found: Sequence[Detection]) -> 
     day : SearchedDay
     found : sequence of Detection
         May be empty: the day was searched, and there was no burst. Their origin is that of the day.
+    lease : Lease, optional
+        Right to work on the day.
+
+    Raises
+    ------
+    BusyError
+        Where the lease was taken over by another run: nothing is changed.
     """
-    values = asdict(day) | {"observatories": " ".join(day.observatories), "searched_utc": datetime.now(UTC)}
+    values = _day_row(day)
     rows = [asdict(one) | {"day": day.day, "origin": day.origin} for one in found]
     with writing(engine) as connection:
         for table in (_DETECTIONS, _DAYS):
@@ -37,6 +47,30 @@ def record_day(engine: Engine, day: SearchedDay, found: Sequence[Detection]) -> 
         connection.execute(insert(_DAYS).values(values))
         if rows:
             connection.execute(insert(_DETECTIONS), rows)
+        if lease is not None:
+            check_held(connection, lease)
+
+
+def record_unsearched(engine: Engine, day: SearchedDay) -> None:
+    """Keep why a day has not been searched, unless it was searched before: an outage takes no answer away.
+
+    Parameters
+    ----------
+    engine : sqlalchemy.Engine
+        Engine of the catalogue.
+    day : SearchedDay
+        With the answer "no data" or "archive silent".
+    """
+    values = _day_row(day)
+    with writing(engine) as connection:
+        if not insert_ignoring(connection, _DAYS, values):
+            own = (_DAYS.c.day == day.day) & (_DAYS.c.origin == day.origin) & _DAYS.c.answer.in_(UNSEARCHED)
+            connection.execute(update(_DAYS).where(own).values(values))
+
+
+def _day_row(day: SearchedDay) -> dict[str, Any]:
+    words = {"observatories": " ".join(day.observatories), "answer": day.answer.value}
+    return asdict(day) | words | {"searched_utc": datetime.now(UTC)}
 
 
 def searched_day(engine: Engine, day: date, origins: Sequence[Origin] = REAL_ORIGINS) -> SearchedDay | None:
@@ -62,8 +96,8 @@ def searched_day(engine: Engine, day: date, origins: Sequence[Origin] = REAL_ORI
 
 def searched_day_of(row: Row[Any]) -> SearchedDay:
     """Record of a row of the searched days."""
-    names = tuple(row.observatories.split())
-    return SearchedDay(row.day, row.inputs_hash, row.code_version, names, Origin(row.origin))
+    heard, answer = tuple(row.observatories.split()), DayAnswer(row.answer)
+    return SearchedDay(row.day, row.inputs_hash, row.code_version, heard, answer, row.reason, Origin(row.origin))
 
 
 def detections(  # noqa: PLR0913, PLR0917 - one argument per filter

@@ -4,7 +4,7 @@ from datetime import UTC, date, datetime
 from math import isnan, nan
 from typing import Any, cast
 
-from sqlalchemy import JSON, CheckConstraint, DateTime, Dialect, Double, ForeignKey, Index, MetaData, Table, false
+from sqlalchemy import JSON, CheckConstraint, DateTime, Dialect, Double, ForeignKey, Index, MetaData, Table, false, text
 from sqlalchemy import ForeignKeyConstraint as Foreign
 from sqlalchemy import UniqueConstraint as Unique
 from sqlalchemy.orm import DeclarativeBase, Mapped, mapped_column
@@ -98,7 +98,7 @@ class SourceFileRow(Base):
 
 
 class SearchedDayRow(Base):
-    """Days whose spectra were searched for bursts, and what they were searched in; once for data of each origin."""
+    """Answers about days, once for data of each origin: what was searched, or why it was not."""
 
     __tablename__ = "searched_day"
 
@@ -108,6 +108,8 @@ class SearchedDayRow(Base):
     code_version: Mapped[str]
     observatories: Mapped[str]
     searched_utc: Mapped[datetime] = mapped_column(UtcTime)
+    answer: Mapped[str] = mapped_column(server_default="no burst")
+    reason: Mapped[str] = mapped_column(server_default=text("''"))
 
 
 class DetectionRow(Base):
@@ -206,10 +208,10 @@ class SolutionRow(Base):
     v_sw_km_s: Mapped[float | None] = mapped_column(Double)
     v_sw_low_km_s: Mapped[float | None] = mapped_column(Double)
     v_sw_high_km_s: Mapped[float | None] = mapped_column(Double)
-    spectra_path: Mapped[str | None]
     retracted_utc: Mapped[datetime | None] = mapped_column(UtcTime)
     retracted_reason: Mapped[str | None]
     pruned_utc: Mapped[datetime | None] = mapped_column(UtcTime)
+    spectra_path: Mapped[str | None]
 
 
 class PreferenceRow(Base):

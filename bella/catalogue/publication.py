@@ -3,7 +3,7 @@
 import json
 import math
 import re
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from dataclasses import asdict
 from datetime import UTC, datetime
 from typing import Any
@@ -14,6 +14,7 @@ from sqlalchemy import Connection, Engine, Table, and_, delete, func, insert, se
 from bella.answer import Answer, answer_of, read_track
 from bella.catalogue.alerts import note_answer
 from bella.catalogue.engine import reading, writing
+from bella.catalogue.leases import Lease, check_held
 from bella.catalogue.models import (
     BurstObservatoryRow,
     BurstRow,
@@ -63,7 +64,9 @@ def find_solution(
         return _same(connection, burst_id, series, inputs_hash, code_version)
 
 
-def publish(engine: Engine, publication: Publication) -> Solution:
+def publish(
+    engine: Engine, publication: Publication, lease: Lease | None = None, check: Callable[[], None] = lambda: None
+) -> Solution:
     """Make a solution visible as the next version of its series.
 
     Parameters
@@ -72,6 +75,10 @@ def publish(engine: Engine, publication: Publication) -> Solution:
         Engine of the catalogue.
     publication : Publication
         The solution and all that belongs to it; its group must be in the store already.
+    lease : Lease, optional
+        Right to work on the burst; where it is lost nothing is published.
+    check : callable, optional
+        Called last in the transaction; what it raises undoes all of it. Says that the groups are in the store.
 
     Returns
     -------
@@ -82,6 +89,8 @@ def publish(engine: Engine, publication: Publication) -> Solution:
     ------
     InputError
         Where a name cannot be part of a solution id, or the localisations are not one per frequency.
+    BusyError
+        Where the lease was taken over by another run.
     """
     _check(publication)
     key = (publication.burst.burst_id, publication.series, publication.inputs_hash, publication.code_version)
@@ -101,6 +110,9 @@ def publish(engine: Engine, publication: Publication) -> Solution:
         follow_publication(connection, solution_rows(connection, published)[0])
         note_answer(connection, publication.burst.burst_id)
         solution = solution_rows(connection, published)[0]
+        if lease is not None:
+            check_held(connection, lease)
+        check()
     log.info("solution published", burst_id=solution.burst_id, solution_id=solution_id, store_path=solution.store_path)
     return solution
 
@@ -208,9 +220,9 @@ def _insert_solution(connection: Connection, publication: Publication, answer: A
         "code_version": publication.code_version,
         "store_path": publication.store_path,
         "store_sha256": publication.store_sha256,
+        "spectra_path": publication.burst.spectra_path,
         "created_utc": datetime.now(UTC),
         "reference_utc": publication.reference_utc,
-        "spectra_path": publication.burst.spectra_path,
         **answer.model_dump(),
     }
     connection.execute(insert(table_of(SolutionRow)).values(values))

@@ -9,7 +9,7 @@ from datetime import date, datetime
 from typing import Any, Literal
 
 from bella.answer import Answer
-from bella.records import REAL_ORIGINS, Alert, Origin, Track
+from bella.records import REAL_ORIGINS, Alert, DayAnswer, Origin, Track
 
 METHOD_ORDER = ("posterior", "nuts", "tdoa")
 PRESET_ORDER = ("default", "robust", "free-speed", "subluminal", "paper", "bella-2024")
@@ -58,16 +58,19 @@ class Burst:
 
 @dataclass(frozen=True)
 class SearchedDay:
-    """A day whose spectra were searched for bursts: in which files, by which code, of which spacecraft.
+    """The answer about a day: in which files it was searched, by which code, of which spacecraft, and what came of it.
 
-    A spacecraft that is not among the observatories had no data; one that is and has no detection heard no burst. A day
-    is kept once for each origin of its files.
+    A spacecraft that is not among the observatories had no data; one that is and has no detection heard no burst.
+    `reason` says why a day could not be searched, or which data sets could not be asked for. A day is kept once for
+    each origin of its files.
     """
 
     day: date
     inputs_hash: str
     code_version: str
     observatories: tuple[str, ...]
+    answer: DayAnswer = DayAnswer.NO_BURST
+    reason: str = ""
     origin: Origin = Origin.ARCHIVE
 
 
@@ -201,10 +204,19 @@ class Solution:
     reference_utc: datetime
     answer: Answer
     preferred: bool
-    origin: Origin = Origin.ARCHIVE
     spectra_path: str | None = None
+    origin: Origin = Origin.ARCHIVE
     retracted: Retraction | None = None
     pruned_utc: datetime | None = None
+
+
+@dataclass(frozen=True, order=True)
+class StoredGroup:
+    """A group of the store that the catalogue refers to: a posterior with its checksum, or spectra without one."""
+
+    store_path: str
+    belongs_to: str
+    sha256: str | None
 
 
 @dataclass(frozen=True)

@@ -19,7 +19,7 @@ from bella.catalogue.models import (
     TrackFitRow,
     table_of,
 )
-from bella.catalogue.records import Localisation, Retraction, Series, Solution, SourceFile, by_preference
+from bella.catalogue.records import Localisation, Retraction, Series, Solution, SourceFile, StoredGroup, by_preference
 from bella.exceptions import NoDataError
 from bella.records import Origin, Track
 
@@ -172,7 +172,7 @@ def sources(engine: Engine, solution_id: str) -> tuple[SourceFile, ...]:
 
 
 def referenced_paths(engine: Engine) -> frozenset[str]:
-    """Store paths the catalogue refers to: posteriors and spectra of all versions.
+    """Store paths the catalogue refers to: posteriors of all versions, and the spectra of each.
 
     Parameters
     ----------
@@ -187,9 +187,30 @@ def referenced_paths(engine: Engine) -> frozenset[str]:
     solutions, bursts = table_of(SolutionRow).c, table_of(BurstRow).c
     with reading(engine) as connection:
         groups = connection.execute(select(solutions.store_path)).scalars().all()
-        kept = (select(one.spectra_path).where(one.spectra_path.is_not(None)) for one in (solutions, bursts))
-        spectra = [path for query in kept for path in connection.execute(query).scalars()]
+        paths = (select(column).where(column.is_not(None)) for column in (bursts.spectra_path, solutions.spectra_path))
+        spectra = [path for query in paths for path in connection.execute(query).scalars()]
         return frozenset(groups) | frozenset(spectra)
+
+
+def stored_groups(engine: Engine) -> tuple[StoredGroup, ...]:
+    """Every group the catalogue refers to, with its checksum where that is kept.
+
+    Parameters
+    ----------
+    engine : sqlalchemy.Engine
+        Engine of the catalogue.
+
+    Returns
+    -------
+    tuple of StoredGroup
+        By path.
+    """
+    columns = table_of(SolutionRow).c
+    with reading(engine) as connection:
+        rows = connection.execute(select(columns.store_path, columns.store_sha256, columns.solution_id)).all()
+    found = {path: StoredGroup(path, solution_id, sha256) for path, sha256, solution_id in rows}
+    others = referenced_paths(engine) - found.keys()
+    return tuple(sorted([*found.values(), *(StoredGroup(path, path.partition("/")[0], None) for path in others)]))
 
 
 def _existing(connection: Connection, solution_id: str) -> Solution:

@@ -44,7 +44,7 @@ def downgrade() -> None:
     for table in ("submission", "api_token"):
         op.drop_table(table)
     rebuild_days(by_origin=False)
-    for name in ("spectra_path", "retracted_utc", "retracted_reason", "pruned_utc"):
+    for name in ("retracted_utc", "retracted_reason", "pruned_utc"):
         op.drop_column("solution", name)
     for name in ("origin", "retracted_utc", "retracted_reason"):
         op.drop_column("burst", name)
@@ -79,16 +79,10 @@ def mark_bursts() -> None:
 
 
 def mark_solutions() -> None:
-    """Spectra, retraction and pruning of solutions; of superseded ones the spectra may have been swept."""
-    op.add_column("solution", text("spectra_path", nullable=True))
+    """Retraction and pruning of solutions."""
     op.add_column("solution", utc("retracted_utc", nullable=True))
     op.add_column("solution", text("retracted_reason", nullable=True))
     op.add_column("solution", utc("pruned_utc", nullable=True))
-    run(
-        "UPDATE solution SET spectra_path = "
-        "(SELECT burst.spectra_path FROM burst WHERE burst.burst_id = solution.burst_id) WHERE NOT EXISTS "
-        "(SELECT 1 FROM solution AS later WHERE later.supersedes = solution.solution_id)"
-    )
 
 
 def put_aside(*tables: str) -> None:

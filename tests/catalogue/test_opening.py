@@ -25,7 +25,7 @@ def execute(database_url: str, statement: str) -> None:
 def test_a_new_catalogue_is_empty_and_at_the_newest_revision(database_url: str) -> None:
     with Catalogue.open(database_url, create=True) as catalogue:
         catalogue.ping()
-        assert catalogue.revision() == "0004"
+        assert catalogue.revision() == "0006"
         assert catalogue.bursts(BurstQuery()).bursts == ()
 
 
@@ -87,7 +87,7 @@ def test_a_newer_catalogue_is_refused(catalogue: Catalogue, catalogue_url: str, 
     execute(catalogue_url, f"UPDATE {REVISION_TABLE} SET version_num = '9999'")
     with pytest.raises(StoreError, match=r"newer version \(revision 9999\): upgrade the package or restore"):
         Catalogue.open(catalogue_url, create=create)
-    execute(catalogue_url, f"UPDATE {REVISION_TABLE} SET version_num = '0004'")
+    execute(catalogue_url, f"UPDATE {REVISION_TABLE} SET version_num = '0006'")
     Catalogue.open(catalogue_url).close()
 
 
