@@ -58,6 +58,19 @@ def origins_beside(origin: Origin) -> frozenset[Origin]:
     return shared if origin in shared else frozenset({origin})
 
 
+def origins_asked(text: str | None) -> tuple[Origin, ...]:
+    """Origins that a query asks for: those that are real where it does not say, `all`, or one.
+
+    Raises
+    ------
+    ValueError
+        Where there is no such origin.
+    """
+    if text is None:
+        return REAL_ORIGINS
+    return tuple(Origin) if text == ALL_ORIGINS else (Origin(text),)
+
+
 class AlertType(StrEnum):
     """What an alert says of its burst: the first answer, another one, or none; TEST where data are not real."""
 
@@ -69,6 +82,10 @@ class AlertType(StrEnum):
 
 ANNOUNCED_ORIGINS = (Origin.ARCHIVE, Origin.EVENT, Origin.USER)
 """Whose alerts everybody gets; those of submissions and of tests only who asks for them."""
+
+
+ALL_ORIGINS = "all"
+"""Stands for every origin in a query."""
 
 
 class DayAnswer(StrEnum):

@@ -10,6 +10,7 @@ from pydantic import Field, NonNegativeInt, PositiveFloat, PositiveInt, Validati
 from pydantic_settings import BaseSettings, SettingsConfigDict
 
 from bella.exceptions import InputError
+from bella.records import Origin
 
 FIT_FIGURES = ("polar-fit", "density")
 """Names of the figures that every solution has of its track."""
@@ -131,9 +132,10 @@ class Settings(BaseSettings):
         series = solution_id.removeprefix(f"{burst_id}.")
         return self.figures_root / burst_id / f"{name}-{series}.png"
 
-    def day_figure(self, day: date) -> Path:
-        """File of the figure of a searched day, drawn again whenever the day is searched again."""
-        return self.figures_root / "days" / f"{day}.png"
+    def day_figure(self, day: date, origin: Origin = Origin.ARCHIVE) -> Path:
+        """File of the figure of a searched day, drawn again whenever the day is searched again in data of its origin."""
+        mark = "" if origin is Origin.ARCHIVE else f"-{origin}"
+        return self.figures_root / "days" / f"{day}{mark}.png"
 
     @property
     def mirror_root(self) -> Path:
