@@ -47,6 +47,8 @@ DESCRIBED: dict[int | str, dict[str, Any]] = {
 """What every route may answer instead, for the description of the API."""
 
 RETRY_AFTER_S = 60
+CHALLENGE = 'Bearer realm="bella"'
+"""How a request proves who sends it (RFC 6750)."""
 
 log = structlog.get_logger(__name__)
 
@@ -59,7 +61,17 @@ class MediaTypeError(InputError):
     """What was sent, or asked for, is of a type the service does not know."""
 
 
+class UnauthorisedError(InputError):
+    """The request has no token, or none that is known."""
+
+
+class ForbiddenError(InputError):
+    """The token is known, and does not allow this."""
+
+
 STATUS: dict[type[BellaError], tuple[HTTPStatus, str]] = {
+    UnauthorisedError: (HTTPStatus.UNAUTHORIZED, "A token is needed"),
+    ForbiddenError: (HTTPStatus.FORBIDDEN, "The token does not allow this"),
     TooLargeError: (HTTPStatus.REQUEST_ENTITY_TOO_LARGE, "The table is too large"),
     MediaTypeError: (HTTPStatus.UNSUPPORTED_MEDIA_TYPE, "The media type is not known"),
     GeometryError: (HTTPStatus.UNPROCESSABLE_ENTITY, "The geometry does not allow this"),
@@ -126,6 +138,8 @@ def _raised_on_purpose(request: Request, error: Exception) -> Response:
     assert isinstance(error, BellaError)  # noqa: S101 - the handler is registered for this class only
     status, title = status_of(error)
     headers = {"Retry_After": str(RETRY_AFTER_S)} if error.retriable else {}
+    if status == HTTPStatus.UNAUTHORIZED:
+        headers["WWW_Authenticate"] = CHALLENGE
     if status >= HTTPStatus.INTERNAL_SERVER_ERROR:
         log.error("request failed", path=request.url.path, error=type(error).__name__, detail=str(error))
     return problem(request, status, title, str(error), **headers)

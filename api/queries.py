@@ -9,6 +9,7 @@ from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, field_valida
 
 from bella.catalogue import BurstQuery, Solution
 from bella.exceptions import InputError, NoDataError
+from bella.records import Origin, origins_asked
 
 TIME_HINT = "write a UTC time as 2012-06-07 or 2012-06-07T19:30:00Z"
 
@@ -25,13 +26,35 @@ class _Query(BaseModel):
     model_config = ConfigDict(extra="forbid")
 
 
-class BurstFilter(_Query):
-    """Which bursts are asked for; without parameters, all."""
+OriginText = Literal["archive", "event", "submission", "user", "simulated", "test", "all"]
+OriginAsked = Annotated[
+    OriginText | None,
+    BeforeValidator(lambda value: None if value == "" else value),
+    Field(
+        description="Origin of the data, or `all`; without it everything but simulated and test data.",
+    ),
+]
+
+
+class OriginChoice(_Query):
+    """Data of which origin are asked for."""
+
+    origin: OriginAsked = None
+
+    @property
+    def origins(self) -> tuple[Origin, ...]:
+        """Origins that are asked for."""
+        return origins_asked(self.origin)
+
+
+class BurstFilter(OriginChoice):
+    """Which bursts are asked for; without parameters, all that stand and are of real data."""
 
     start: Asked = Field(None, description="Bursts that start at this UTC time or later.", examples=["2012-06-01"])
     stop: Asked = Field(None, description="Bursts that start before this UTC time.", examples=["2012-07-01"])
     observatory: list[str] = Field([], description="Observatories that must all have heard the burst; repeatable.")
     without_flag: list[str] = Field([], description="Quality flags the burst must not have; repeatable.")
+    retracted: bool = Field(False, description="True: with those that were retracted.")
     limit: int = Field(50, ge=1, le=1000, description="Bursts per reply.")
     cursor: Asked = Field(None, description="Where to go on: taken from `next` of the reply before.")
 
@@ -58,10 +81,12 @@ class BurstFilter(_Query):
             flags_absent=frozenset(self.without_flag),
             cursor=self.cursor,
             limit=self.limit,
+            origins=frozenset(self.origins),
+            with_retracted=self.retracted,
         )
 
 
-class DetectionFilter(_Query):
+class DetectionFilter(OriginChoice):
     """Which detections are asked for."""
 
     start: str = Field(description="Onsets at this UTC time or later.", examples=["2020-07-21"])
@@ -85,7 +110,7 @@ class DetectionFilter(_Query):
         return start, stop
 
 
-class DayFilter(_Query):
+class DayFilter(OriginChoice):
     """Which searched days are asked for; without parameters, the newest."""
 
     first: Asked = Field(None, alias="from", description="This day or later.", examples=["2020-07-01"])

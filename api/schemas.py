@@ -8,7 +8,8 @@ from urllib.parse import urlencode
 from pydantic import BaseModel, ConfigDict, Field
 
 from api.wording import APPARENT_SOURCE
-from bella.catalogue import Burst, BurstSummary, DaySummary, Detection, SearchedDay, Solution, Submission
+from bella.catalogue import Burst, BurstSummary, DaySummary, Detection, Retraction, SearchedDay, Solution, Submission
+from bella.records import REAL_ORIGINS, Origin
 
 API = "/api/v1"
 
@@ -17,6 +18,31 @@ class Reply(BaseModel):
     """Base of all replies."""
 
     model_config = ConfigDict(frozen=True)
+
+
+ORIGIN = "Where the data come from: archive, event, submission, user; or simulated, test."
+
+
+class RetractionReply(Reply):
+    """Why and when something was retracted; it stays where it is, and is no answer any more."""
+
+    reason: str
+    retracted_utc: datetime
+
+    @classmethod
+    def of(cls, retracted: Retraction | None) -> "RetractionReply | None":
+        """Reply for a retraction; None where there is none."""
+        return None if retracted is None else cls(**asdict(retracted))
+
+
+class SourceReply(Reply):
+    """An input of a solution."""
+
+    dataset: str
+    day: date
+    version: str
+    sha256: str = Field(description="Checksum of the file.")
+    uri: str = Field(description="Name of the file.")
 
 
 class DetectionReply(Reply):
@@ -36,6 +62,7 @@ class DetectionReply(Reply):
     tier: str = Field(description="localisable, catalogued or rejected.")
     reason: str = Field(description="Why it is no more; empty where the burst was localised.")
     burst_id: str | None = Field(description="Burst that it belongs to; null where it was rejected.")
+    origin: Origin = Field(description=ORIGIN)
 
     @classmethod
     def of(cls, one: Detection) -> "DetectionReply":
@@ -56,6 +83,7 @@ class DayReply(Reply):
 
     day: date
     searched: bool = Field(description="False where no file of the day was processed.")
+    origin: Origin | None = Field(description=ORIGIN)
     observatories: list[str] = Field(description="Spacecraft that had data; the others had none.")
     code_version: str | None
 
@@ -63,14 +91,21 @@ class DayReply(Reply):
     def of(cls, day: date, known: SearchedDay | None) -> "DayReply":
         """Reply for a day, with what the catalogue has of it."""
         if known is None:
-            return cls(day=day, searched=False, observatories=[], code_version=None)
-        return cls(day=day, searched=True, observatories=list(known.observatories), code_version=known.code_version)
+            return cls(day=day, searched=False, origin=None, observatories=[], code_version=None)
+        return cls(
+            day=day,
+            searched=True,
+            origin=known.origin,
+            observatories=list(known.observatories),
+            code_version=known.code_version,
+        )
 
 
 class DaySummaryReply(Reply):
-    """A searched day with how much was heard on it."""
+    """A searched day with how much was heard on it, in data of one origin."""
 
     day: date
+    origin: Origin = Field(description=ORIGIN)
     observatories: list[str] = Field(description="Spacecraft that had data; the others had none.")
     detections: int = Field(description="Bursts as single spacecraft heard them.")
     rejected: int = Field(description="Candidates that were refused.")
@@ -87,9 +122,10 @@ class DaySummaryReply(Reply):
         known = one.searched
         return cls(
             day=known.day,
+            origin=known.origin,
             observatories=list(known.observatories),
             code_version=known.code_version,
-            links=day_links(known.day),
+            links=day_links(known.day, known.origin),
             **counts,
         )
 
@@ -145,6 +181,11 @@ class SolutionReply(Said):
     v_sw_low_km_s: float | None = Field(description="Ends of its 68 % interval.")
     v_sw_high_km_s: float | None
     supersedes: str | None = Field(description="Solution that this one replaces.")
+    origin: Origin = Field(description=ORIGIN)
+    retracted: RetractionReply | None = Field(description="Of this solution or of its burst; null where it stands.")
+    pruned_utc: datetime | None = Field(
+        description="When the draws of a superseded version were removed from the store; everything else is kept."
+    )
     flags: list[str]
     inputs_hash: str
     code_version: str
@@ -173,6 +214,9 @@ class SolutionReply(Said):
             dimensions=series.dimensions,
             version=solution.version,
             supersedes=solution.supersedes,
+            origin=solution.origin,
+            retracted=RetractionReply.of(solution.retracted),
+            pruned_utc=solution.pruned_utc,
             flags=list(solution.flags),
             inputs_hash=solution.inputs_hash,
             code_version=solution.code_version,
@@ -187,6 +231,12 @@ class SolutionReply(Said):
                 "zarr": zarr_path(solution),
             },
         )
+
+
+class SolutionWithSourcesReply(SolutionReply):
+    """One solution with the files it was made from."""
+
+    sources: list[SourceReply]
 
 
 class PreferenceReply(Reply):
@@ -210,8 +260,10 @@ class BurstReply(Reply):
     f_low_mhz: float
     f_high_mhz: float
     observatories: list[str]
+    origin: Origin = Field(description=ORIGIN)
+    retracted: RetractionReply | None = Field(description="Null where the burst stands.")
     remark: str = APPARENT_SOURCE
-    grade: str | None = Field(description="Of the preferred solution; null where there is no solution.")
+    grade: str | None = Field(description="Of the preferred solution; null where there is none that stands.")
     tier: str | None
     sentence: str | None = Field(description="The answer about this burst: that of the preferred solution.")
     preferred_solution: str | None
@@ -224,6 +276,8 @@ class BurstReply(Reply):
         """Reply for a burst of the catalogue."""
         burst, kept, preferred = summary.burst, summary.preference, summary.preferred
         said = said_of(preferred) if preferred else dict.fromkeys(Said.model_fields)
+        if burst.retracted:
+            said["sentence"] = f"retracted: {burst.retracted.reason}"
         chosen = kept and PreferenceReply(
             **asdict(kept.series), chosen_by=kept.chosen_by, reason=kept.reason, chosen_utc=kept.chosen_utc
         )
@@ -237,6 +291,8 @@ class BurstReply(Reply):
             f_low_mhz=burst.f_low_mhz,
             f_high_mhz=burst.f_high_mhz,
             observatories=list(burst.observatories),
+            origin=burst.origin,
+            retracted=RetractionReply.of(burst.retracted),
             solutions=[SolutionReply.of(solution) for solution in summary.solutions],
             links=burst_links(burst),
         )
@@ -331,10 +387,11 @@ class RegionsReply(Reply):
 
 
 class SubmissionReply(Reply):
-    """An arrival table that was handed in: waiting for the next run, localised, or refused by it."""
+    """An arrival table that was submitted: waiting for the next run, localised, refused by it, or withdrawn."""
 
-    sha256: str
-    state: str = Field(description="received, done or failed.")
+    submission_id: str = Field(description="Also the id of its burst; never that of a burst of the archive.")
+    sha256: str = Field(description="Checksum of the table.")
+    state: str = Field(description="received, done, failed or withdrawn.")
     message: str
     burst_id: str | None
     received_utc: datetime
@@ -345,10 +402,11 @@ class SubmissionReply(Reply):
     def of(cls, submission: Submission) -> "SubmissionReply":
         """Reply for a submission of the catalogue."""
         waiting = "waits for the next scheduled run" if submission.state == "received" else ""
-        links = {"self": f"{API}/arrivals/{submission.sha256}"}
+        links = {"self": f"{API}/arrivals/{submission.submission_id}"}
         if submission.burst_id:
             links["burst"] = f"{API}/bursts/{submission.burst_id}"
         return cls(
+            submission_id=submission.submission_id,
             sha256=submission.sha256,
             state=submission.state,
             message=submission.message or waiting,
@@ -377,14 +435,16 @@ def figure_path(solution: Solution, name: str) -> str:
     return f"{API}/solutions/{solution.solution_id}/figures/{name}"
 
 
-def day_links(day: date) -> dict[str, str]:
-    """Addresses of everything about a searched day."""
+def day_links(day: date, origin: Origin = Origin.ARCHIVE) -> dict[str, str]:
+    """Addresses of everything about a searched day; those of simulated and test data ask for their origin."""
     base = f"{API}/days/{day}"
-    heard = urlencode({"start": day, "stop": day + timedelta(days=1)})
+    asked = {} if origin in REAL_ORIGINS else {"origin": origin.value}
+    heard = urlencode({"start": day, "stop": day + timedelta(days=1), **asked})
+    tail = f"?{urlencode(asked)}" if asked else ""
     return {
-        "self": base,
-        "page": f"/days/{day}",
-        "figure": f"{base}/figure",
+        "self": f"{base}{tail}",
+        "page": f"/days/{day}{tail}",
+        "figure": f"{base}/figure{tail}",
         "detections": f"{API}/detections?{heard}",
     }
 

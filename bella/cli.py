@@ -3,14 +3,12 @@
 import json
 import os
 import sys
-from collections.abc import Iterator
-from contextlib import closing, contextmanager
+from contextlib import closing
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 from rich.console import Console
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
 
 from bella.cli_arrivals import EPILOG as ARRIVALS_EPILOG
 from bella.cli_arrivals import arrivals
@@ -20,17 +18,12 @@ from bella.cli_catalogue import (
     AsJson,
     Home,
     catalogue_app,
-    fit_table,
     new_table,
     open_catalogue,
-    say,
-    say_answer,
     settings_of,
-    track_table,
 )
 from bella.cli_coverage import EPILOG as COVERAGE_EPILOG
 from bella.cli_coverage import coverage
-from bella.cli_days import days_table
 from bella.cli_detect import EPILOG as DETECT_EPILOG
 from bella.cli_detect import detect
 from bella.cli_ephemeris import EPILOG as EPHEMERIS_EPILOG
@@ -40,17 +33,19 @@ from bella.cli_fetch import day_range, fetch
 from bella.cli_fit_track import EPILOG as FIT_TRACK_EPILOG
 from bella.cli_fit_track import fit_track
 from bella.cli_output import write_whole
+from bella.cli_run import Asked, pipeline, progress_bars, run_days, run_event
 from bella.cli_simulate import EPILOG as SIMULATE_EPILOG
 from bella.cli_simulate import simulate
 from bella.cli_spectra import EPILOG as FORMATS_EPILOG
 from bella.cli_spectra import formats
+from bella.cli_store import store_app
+from bella.cli_token import token_app
 from bella.exceptions import BellaError, InputError
 from bella.flags import APPARENT_SOURCE
 from bella.logs import log_to
 
 if TYPE_CHECKING:
     from bella.heliosphere.scattering import DirectionalDelay
-    from bella.settings import Settings
 
 LARGEST_KAPPA = 10.0
 """Delays of more half widths of the rise, ten times any published one, are a mistake in the unit."""
@@ -65,6 +60,8 @@ app = typer.Typer(
     add_completion=False,
 )
 app.add_typer(catalogue_app, name="catalogue")
+app.add_typer(token_app, name="token")
+app.add_typer(store_app, name="store")
 
 out, err = Console(), Console(stderr=True)
 
@@ -86,7 +83,7 @@ def main() -> None:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
 
 
-@app.command(epilog="Example: bella run --from 2020-07-21 --to 2020-07-22 --archive mirror")
+@app.command(epilog="Example: bella run --from 2020-07-21 --to 2020-07-22 --archive mirror --workers 2")
 def run(  # noqa: PLR0913, PLR0917 - one argument per option
     event: Annotated[str, typer.Option(help="Built-in event, by its date.")] = "2012-06-07",
     first: Annotated[str | None, typer.Option("--from", help="First day of the archive to process, UTC.")] = None,
@@ -96,62 +93,26 @@ def run(  # noqa: PLR0913, PLR0917 - one argument per option
     ] = None,
     preset: PresetName = "default",
     method: MethodName = "posterior",
+    workers: Annotated[
+        int | None, typer.Option(min=1, help="Processes side by side; results are the same.", show_default="1")
+    ] = None,
+    direct: Annotated[bool, typer.Option("--direct", help="Without Prefect: the same results, sooner.")] = False,
     home: Home = None,
     as_json: AsJson = False,
 ) -> None:
     """Run the whole pipeline: on the built-in burst, or on days of the archive from spectra to sources."""
+    if workers is not None:
+        os.environ["BELLA_WORKERS"] = str(workers)
     settings = settings_of(home)
     if first is None and (last or archive) is not None:
         raise InputError("days of the archive need a first one: give --from 2020-07-21")
     if first is not None:
-        asked = day_range(first, last or first)
-        with _pipeline(settings, preset, "posterior"):
-            from flows.process_days import process_days, summary_rows
-
-            days = list(summary_rows(process_days(*asked, archive, preset)))
-        if as_json:
-            out.print_json(json.dumps(days))
-            return
-        out.print(days_table(days))
-        for burst_id, sentence in (pair for day in days for pair in day["answers"].items()):
-            say(f"{burst_id}: {sentence}")
+        days = day_range(first, last or first)
+        with pipeline(settings, preset, "posterior") as bar:
+            run_days(days, archive or settings.archive, settings, Asked(preset, direct=direct, as_json=as_json), bar)
         return
-    from flows.inputs import check_subject
-
-    check_subject(event, settings.incoming_root)
-    with _pipeline(settings, preset, method):
-        # Prefect takes the address of its server when it is imported
-        from flows.localise_burst import localise_burst, summary_row
-
-        outcomes = localise_burst(subject=event, preset=preset, method=method)
-    if as_json:
-        out.print_json(json.dumps([summary_row(outcome) for outcome in outcomes]))
-        return
-    with closing(open_catalogue(settings)) as catalogue:
-        for outcome in outcomes:
-            out.print(track_table(catalogue, outcome.solution.solution_id))
-        summary = catalogue.burst(outcomes[0].solution.burst_id)
-    out.print(fit_table([(outcome.solution.series.edge, outcome.track) for outcome in outcomes]))
-    _print_places(settings, summary.burst.burst_id, new=[outcome.new for outcome in outcomes])
-    say_answer(summary)
-
-
-@contextmanager
-def _pipeline(settings: "Settings", preset: str, method: str) -> Iterator[None]:
-    """A Prefect server for the time of a run, with its progress on the screen; refuses bad choices first."""
-    from bella.multilateration import check_choices
-    from flows.environment import prepare
-
-    check_choices(preset, method)
-    prepare(settings)
-    log_to(settings.home / "logs" / "bella.log")
-    from flows.server import prefect_server
-
-    with _progress() as bar:
-        starting = bar.add_task("start Prefect", total=1)
-        with prefect_server(settings):
-            bar.update(starting, completed=1)
-            yield
+    with pipeline(settings, preset, method, event) as bar:
+        run_event(event, settings, Asked(preset, method, direct=direct, as_json=as_json), bar)
 
 
 @app.command(epilog="Example: bella localise arrivals.csv --output localisations.csv --preset default")
@@ -183,7 +144,7 @@ def localise(  # noqa: PLR0913, PLR0917 - one argument per option
     delay = None if kappa is None else _directional_delay(kappa)
     table = read_arrivals(arrivals)
     measured = None if covariance is None else read_covariance(covariance, len(table))
-    with _progress() as bar:
+    with progress_bars() as bar:
         task = bar.add_task("localise", total=table["frequency_mhz"].nunique())
         posterior = locate(
             table,
@@ -283,24 +244,6 @@ app.command(epilog=FETCH_EPILOG)(fetch)
 app.command(epilog=SIMULATE_EPILOG)(simulate)
 
 
-@contextmanager
-def _progress() -> Iterator[Progress]:
-    """Progress bars on standard error, one for each stage that a flow tells of."""
-    from flows.progress import listen
-
-    columns = (TextColumn("{task.description:<28}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn())
-    with Progress(*columns, console=err) as bar:
-        tasks: dict[str, Any] = {}
-
-        def _heard(stage: str, done: int, total: int) -> None:
-            if stage not in tasks:
-                tasks[stage] = bar.add_task(stage, total=total)
-            bar.update(tasks[stage], completed=done)
-
-        listen(_heard)
-        yield bar
-
-
 def _write_draws(posterior: Any, path: Path) -> None:
     from bella.store import place_group, stage_group, verify_group
 
@@ -308,15 +251,6 @@ def _write_draws(posterior: Any, path: Path) -> None:
     verify_group(staged, posterior)
     place_group(staged, path.parent, path.name)
     staged.parent.rmdir()
-
-
-def _print_places(settings: "Settings", burst_id: str, *, new: list[bool]) -> None:
-    changed = f"{sum(new)} new solutions" if any(new) else "nothing new: same inputs, same versions"
-    say(f"Catalogue  {settings.catalogue_url.rsplit('@', 1)[-1].removeprefix('sqlite:///')} ({changed})")
-    say(f"Posteriors {settings.store_root.resolve() / burst_id}")
-    for path in sorted((settings.figures_root.resolve() / burst_id).glob("*.png")):
-        say(f"Figure     {path}")
-    say("Page       make serve (or bella serve), then http://127.0.0.1:8000/bursts/" + burst_id)
 
 
 if __name__ == "__main__":

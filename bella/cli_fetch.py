@@ -3,8 +3,8 @@
 import json
 from collections import Counter
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
-from datetime import date, timedelta
+from contextlib import contextmanager, suppress
+from datetime import UTC, date, datetime, timedelta
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -17,8 +17,8 @@ from rich.table import Table
 from bella.exceptions import InputError, UnreachableError
 
 if TYPE_CHECKING:
+    from bella.archive import Dataset, DayInMirror
     from bella.settings import Settings
-    from bella.spectra.archive import Dataset, DayInMirror
 
 out, err = Console(), Console(stderr=True)
 
@@ -27,8 +27,14 @@ MOST_DAYS = 3660
 
 
 def fetch(  # noqa: PLR0913, PLR0917 - one argument per option
-    first: Annotated[str, typer.Option("--from", help="First day, UTC, such as 2012-06-07.")],
-    last: Annotated[str, typer.Option("--to", help="Last day, UTC.")],
+    first: Annotated[str | None, typer.Option("--from", help="First day, UTC, such as 2012-06-07.")] = None,
+    last: Annotated[str | None, typer.Option("--to", help="Last day, UTC.", show_default="the first")] = None,
+    follow: Annotated[
+        bool,
+        typer.Option(
+            "--follow", help="Fetch the BELLA_RECENT_DAYS before today, and what is new from now on, until stopped."
+        ),
+    ] = False,
     archive: Annotated[
         str | None,
         typer.Option(help="URL, or folder, below which pub/data is.", show_default="the setting BELLA_ARCHIVE"),
@@ -40,11 +46,22 @@ def fetch(  # noqa: PLR0913, PLR0917 - one argument per option
     home: Annotated[Path | None, typer.Option(help="Folder that holds the mirror.", show_default="bella-home")] = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print JSON instead of a table.")] = False,
 ) -> None:
-    """Fetch spectra from the archive; tells what is there, what is not yet, and what could not be asked."""
-    from bella.spectra.archive import fetch_days, open_archive
+    """Fetch spectra from the archive; tells what is there, what is not yet, and what could not be asked.
+
+    With --follow also positions of the spacecraft, hourly speeds of the wind and summaries of active regions, each as
+    soon as it can be expected.
+    """
+    from bella.archive import fetch_days, open_archive
 
     settings = _settings(home)
-    begin, end = day_range(first, last)
+    if follow:
+        if first or last or dataset:
+            raise InputError("--follow takes no days and no data sets: set BELLA_RECENT_DAYS")
+        _follow(settings if archive is None else settings.model_copy(update={"archive": archive}))
+        return
+    if first is None:
+        raise InputError("name the days to fetch, as in --from 2012-06-07 --to 2012-06-08, or give --follow")
+    begin, end = day_range(first, last or first)
     days = [begin + timedelta(days=number) for number in range((end - begin).days + 1)]
     wanted = _wanted(dataset or [], days)
     root = settings.archive if archive is None else archive
@@ -63,6 +80,33 @@ def _settings(home: Path | None) -> "Settings":
     from bella.settings import Settings
 
     return Settings() if home is None else Settings(home=home)
+
+
+def _follow(settings: "Settings") -> None:
+    """Fetch until stopped; the age of a file says that this goes on, to whoever watches over the process."""
+    from bella.archive import open_archive
+    from bella.logs import log_to
+    from bella.pipeline.ingest import feeds, follow
+
+    if not feeds(settings, datetime.now(UTC).date()):
+        raise InputError("there is nothing to follow: set BELLA_RECENT_DAYS, BELLA_IN_SITU or BELLA_REGIONS")
+    open_archive(settings.archive)  # a wrong address ends it now, and does not fail every minute
+    log_to(None)
+    alive = settings.mirror_root / ".alive"
+    try:
+        alive.parent.mkdir(parents=True, exist_ok=True)
+        alive.touch()
+    except OSError as error:
+        raise InputError(f"mirror {alive.parent} cannot be written ({error.strerror}); correct BELLA_HOME") from error
+    follow(settings, _beat(alive))
+
+
+def _beat(alive: Path) -> "Callable[[], None]":
+    def _touch() -> None:
+        with suppress(OSError):  # a full disk ends the round, and is told there
+            alive.touch()
+
+    return _touch
 
 
 def day_range(first: str, last: str) -> tuple[date, date]:
@@ -113,7 +157,7 @@ def day_option(text: str, option: str) -> date:
 
 def _wanted(keys: list[str], days: list[date]) -> "list[Dataset]":
     """Data sets that were asked for, or all that have one of these days."""
-    from bella.spectra.archive import find_datasets
+    from bella.archive import find_datasets
 
     found = find_datasets(keys)
     return [one for one in found if keys or any(one.covers(day) for day in (days[0], days[-1]))]

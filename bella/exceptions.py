@@ -58,3 +58,9 @@ class UnreachableError(BellaError):
     """A service this work needs (database, archive) did not answer: try again later."""
 
     retriable: ClassVar[bool] = True
+
+
+class WorkerLostError(BellaError):
+    """A process that computes was killed, perhaps for want of memory: try again."""
+
+    retriable: ClassVar[bool] = True

@@ -32,6 +32,62 @@ REAL_ORIGINS = (Origin.ARCHIVE, Origin.EVENT, Origin.SUBMISSION, Origin.USER)
 """What a query or a count holds unless another origin is asked for."""
 
 
+_NAMESPACE = {Origin.USER: "USER", Origin.SIMULATED: "SIM", Origin.TEST: "TEST"}
+
+
+def burst_name(name: str, origin: Origin) -> str:
+    """Id of a burst for data of an origin: bursts of the archive and of the event share one namespace, others do not.
+
+    Parameters
+    ----------
+    name : str
+        Such as T3-20211120-0312.
+    origin : Origin
+
+    Returns
+    -------
+    str
+        The same, or such as SIM-20211120-0312, so that data of one origin never touch a burst of another.
+    """
+    return f"{_NAMESPACE[origin]}-{name.removeprefix('T3-')}" if origin in _NAMESPACE else name
+
+
+def origins_beside(origin: Origin) -> frozenset[Origin]:
+    """Origins whose bursts data of an origin may refine: archive and built-in event refine one another."""
+    shared = frozenset({Origin.ARCHIVE, Origin.EVENT})
+    return shared if origin in shared else frozenset({origin})
+
+
+def origins_asked(text: str | None) -> tuple[Origin, ...]:
+    """Origins that a query asks for: those that are real where it does not say, `all`, or one.
+
+    Raises
+    ------
+    ValueError
+        Where there is no such origin.
+    """
+    if text is None:
+        return REAL_ORIGINS
+    return tuple(Origin) if text == ALL_ORIGINS else (Origin(text),)
+
+
+class AlertType(StrEnum):
+    """What an alert says of its burst: the first answer, another one, or none; TEST where data are not real."""
+
+    PRELIMINARY = "PRELIMINARY"
+    UPDATE = "UPDATE"
+    RETRACTION = "RETRACTION"
+    TEST = "TEST"
+
+
+ANNOUNCED_ORIGINS = (Origin.ARCHIVE, Origin.EVENT, Origin.USER)
+"""Whose alerts everybody gets; those of submissions and of tests only who asks for them."""
+
+
+ALL_ORIGINS = "all"
+"""Stands for every origin in a query."""
+
+
 class DayAnswer(StrEnum):
     """What the service can say of a day, or of one data set on a day; never one for another."""
 
@@ -194,6 +250,14 @@ class JointTrack(Record):
     flags: tuple[str, ...] = ()
 
 
+class PreliminaryLevel(Record):
+    """Where the final longitude of a burst is in the posterior that its preliminary track had."""
+
+    solution_id: str = Field(description="Of the preliminary track.")
+    phi0_deg: float = Field(description="Final longitude at 1 solar radius, median.")
+    level: float = Field(description="Probability of the smallest region that reaches it: uniform where honest.")
+
+
 class Track(Record):
     """Everything that is said of the track of a burst."""
 
@@ -204,3 +268,50 @@ class Track(Record):
     two_step: dict[str, Any] = Field(default_factory=dict)
     two_step_other_rotations: dict[str, dict[str, Any]] = Field(default_factory=dict)
     companions: dict[str, dict[str, Any]] = Field(default_factory=dict)
+
+
+class AlertSource(Record):
+    """Apparent source at one frequency: HEE, solar radii; covariances with z are None in the plane."""
+
+    frequency_mhz: float
+    emission_utc: str
+    x_rsun: float
+    y_rsun: float
+    z_rsun: float
+    cov_xx_rsun2: float | None = None
+    cov_xy_rsun2: float | None = None
+    cov_yy_rsun2: float | None = None
+    cov_xz_rsun2: float | None = None
+    cov_yz_rsun2: float | None = None
+    cov_zz_rsun2: float | None = None
+
+
+class Alert(Record):
+    """What is told of a burst when its answer changes, as it was at that moment."""
+
+    sequence: int = Field(description="Of all alerts in the order of their commits, from 1, without gaps.")
+    record_number: int = Field(description="Of the alerts of this burst, from 1.")
+    alert_type: AlertType
+    created_utc: str
+    origin: Origin
+    burst_id: str
+    start_utc: str
+    end_utc: str
+    f_low_mhz: float
+    f_high_mhz: float
+    observatories: tuple[str, ...]
+    solution_id: str | None = Field(default=None, description="The answer; of a retraction the one that was it.")
+    retracted_reason: str | None = Field(default=None, description="Why there is no answer any more.")
+    tier: Tier = "final"
+    grade: str = ""
+    sentence: str = ""
+    reference_utc: str | None = Field(default=None, description="Epoch of the HEE axes.")
+    phi0_deg: float | None = None
+    phi0_low_deg: float | None = None
+    phi0_high_deg: float | None = None
+    phi0_68: tuple[Interval, ...] = ()
+    sources: tuple[AlertSource, ...] = ()
+    flags: tuple[str, ...] = ()
+    preliminary: PreliminaryLevel | None = Field(
+        default=None, description="Of a burst that two spacecraft had been heard by before: how well that held."
+    )

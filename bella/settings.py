@@ -10,6 +10,7 @@ from pydantic import Field, NonNegativeInt, PositiveFloat, PositiveInt, Validati
 from pydantic_settings import BaseSettings, SettingsConfigDict
 
 from bella.exceptions import InputError
+from bella.records import Origin
 
 FIT_FIGURES = ("polar-fit", "density")
 """Names of the figures that every solution has of its track."""
@@ -32,20 +33,44 @@ class Settings(BaseSettings):
     max_pending_submissions: PositiveInt = Field(
         default=100, description="Arrival tables that may wait for the next run; further ones are asked to come later."
     )
+    open_submissions: bool = Field(
+        default=False, description="Whether anybody may submit arrival tables without a token."
+    )
     max_submission_bytes: PositiveInt = Field(
         default=2_000_000, description="Largest arrival table that is accepted over HTTP, bytes."
     )
     lease_s: PositiveFloat = Field(
         default=300.0, description="Time after which a run that has shown no sign of life counts as dead, s."
     )
-    schedule_s: PositiveFloat = Field(default=300.0, description="Interval of the scheduled deployment, s.")
+    schedule_s: PositiveFloat = Field(
+        default=300.0, description="Interval at which submitted arrival tables are localised, s."
+    )
+    workers: PositiveInt = Field(
+        default=1,
+        description="Processes that search days and localise bursts side by side; results do not depend on it.",
+    )
+    newest_days: NonNegativeInt = Field(
+        default=3, description="Days before today that are looked at every `days_schedule_s`; earlier ones less often."
+    )
+    days_schedule_s: PositiveFloat = Field(
+        default=60.0, description="Interval at which the newest days of the mirror are looked at, s."
+    )
+    ingest_schedule_s: PositiveFloat = Field(
+        default=300.0, description="Interval at which the archives are asked for what is due, s."
+    )
+    mock_schedule_s: PositiveFloat = Field(
+        default=3600.0, description="Interval of the mock burst that tests the whole path, s."
+    )
+    housekeeping_schedule_s: PositiveFloat = Field(
+        default=3600.0, description="Interval at which the store is swept of what killed runs have left, s."
+    )
     recent_days: NonNegativeInt = Field(
         default=0,
-        description="Days before today that the schedule fetches and processes again where files are new; 0 for none. "
+        description="Days before today that the schedule processes, and again where files are new; 0 for none. "
         "The last spacecraft's data come after four months.",
     )
     recent_schedule_s: PositiveFloat = Field(
-        default=21_600.0, description="Interval at which the days before today are looked at, s."
+        default=21_600.0, description="Interval at which days before the newest are looked at for later data, s."
     )
     draws: PositiveInt = Field(default=4000, description="Posterior draws kept per frequency.")
     seed: int = Field(default=20120607, description="Seed of the posterior draws; stored with every solution.")
@@ -59,6 +84,10 @@ class Settings(BaseSettings):
         default="https://spdf.gsfc.nasa.gov",
         description="Archive that spectra are fetched from: URL, or folder, below which pub/data is.",
     )
+    regions_archive: str = Field(
+        default="https://www.ngdc.noaa.gov",
+        description="Archive that NOAA's Solar Region Summaries are fetched from: URL, or folder, below which stp is.",
+    )
     archive_interval_s: PositiveFloat = Field(
         default=1.0, description="Least time between two requests to the archive, s."
     )
@@ -68,12 +97,13 @@ class Settings(BaseSettings):
 
     in_situ: Path | None = Field(
         default=None,
-        description="Folder of hourly solar wind speeds measured in situ. Without it the wind of a burst is not given.",
+        description="Folder of hourly solar wind speeds measured in situ, which `bella fetch --follow` fills. Without "
+        "it the wind of a burst is not given.",
     )
     regions: Path | None = Field(
         default=None,
-        description="Folder of NOAA's Solar Region Summaries and of tables of coronal holes. Without it no source "
-        "regions are given.",
+        description="Folder of NOAA's Solar Region Summaries, which `bella fetch --follow` fills, and of tables of "
+        "coronal holes. Without it no source regions are given.",
     )
 
     @field_validator("in_situ", "regions", mode="before")
@@ -102,9 +132,10 @@ class Settings(BaseSettings):
         series = solution_id.removeprefix(f"{burst_id}.")
         return self.figures_root / burst_id / f"{name}-{series}.png"
 
-    def day_figure(self, day: date) -> Path:
-        """File of the figure of a searched day, drawn again whenever the day is searched again."""
-        return self.figures_root / "days" / f"{day}.png"
+    def day_figure(self, day: date, origin: Origin = Origin.ARCHIVE) -> Path:
+        """File of the figure of a searched day, drawn again whenever the day is searched again in data of its origin."""
+        mark = "" if origin is Origin.ARCHIVE else f"-{origin}"
+        return self.figures_root / "days" / f"{day}{mark}.png"
 
     @property
     def mirror_root(self) -> Path:
@@ -123,8 +154,8 @@ class Settings(BaseSettings):
 
     @property
     def ephemeris_extension(self) -> Path:
-        """Table of positions after the end of the packaged one; `bella update-ephemeris` writes it."""
-        return self.home / "ephemeris.nc"
+        """Table of positions after the end of the packaged one, which `bella fetch --follow` keeps up to date."""
+        return self.mirror_root / "ephemeris.nc"
 
 
 def read_settings() -> Settings:

@@ -1,4 +1,4 @@
-"""The pipeline as Prefect flows: a task opens, calls bella, records, returns.
+"""Prefect around :mod:`bella.pipeline`: schedule, limits, retries and states; a flow calls the pipeline and returns.
 
-Nothing of Prefect is imported before :func:`flows.environment.prepare` has told it where to live.
+Nothing of Prefect is imported before :func:`bella.pipeline.environment.prepare` has told it where to live.
 """

@@ -1,58 +1,85 @@
-"""Scheduled processing: ``python -m flows.serve`` declares the deployment and runs what is due.
+"""Scheduled processing: ``python -m flows.serve [NAME ...]`` declares deployments and runs what is due.
 
-It needs a Prefect server that lasts; ``PREFECT_API_URL`` says where.
+Without names it serves all but ``ingest``, which needs a way to the archives. It needs a Prefect server that lasts;
+``PREFECT_API_URL`` says where.
 """
 
 import sys
+from collections.abc import Sequence
 from datetime import UTC, datetime, timedelta
 from typing import Any
 
 from bella.catalogue import Catalogue
-from bella.exceptions import BellaError
+from bella.exceptions import BellaError, InputError
 from bella.logs import log_to
-from bella.settings import Settings
-from flows.environment import prepare
+from bella.pipeline.environment import prepare
+from bella.settings import Settings, read_settings
 
 FIRST_RUN_AFTER = timedelta(seconds=10)
+INGEST = "ingest"
 
 
-def main() -> None:
-    """Serve ``localise-pending/scheduled`` and, where days are asked for, ``process-recent/scheduled`` until stopped.
+def intervals_s(settings: Settings) -> dict[str, float]:
+    """Interval of every deployment, s, by the name of its flow."""
+    return {
+        "submissions": settings.schedule_s,
+        "days": settings.days_schedule_s,
+        "refinement": settings.recent_schedule_s,
+        "mock-burst": settings.mock_schedule_s,
+        "housekeeping": settings.housekeeping_schedule_s,
+        INGEST: settings.ingest_schedule_s,
+    }
+
+
+def main(names: Sequence[str] = ()) -> None:
+    """Serve deployments until stopped: each is called ``NAME/scheduled`` and runs once at a time.
+
+    Parameters
+    ----------
+    names : sequence of str
+        Keys of :func:`intervals_s`; none for all but ``ingest``.
 
     Raises
     ------
     BellaError
-        If the catalogue cannot be opened, or be brought to the newest revision.
+        If a name is not known, or the catalogue cannot be opened or brought to the newest revision.
     """
-    settings = Settings()
+    settings = read_settings()
+    known = intervals_s(settings)
+    unknown = [name for name in names if name not in known]
+    if unknown:
+        raise InputError(f"there is no deployment {unknown[0]!r}: choose from {', '.join(known)}")
     prepare(settings)
     log_to(None)
     _lay_out(settings)
     from prefect import serve  # noqa: PLC0415 - Prefect reads its settings when imported
-    from prefect.schedules import Interval  # noqa: PLC0415 - the same
 
-    from flows.pending import localise_pending  # noqa: PLC0415 - the same
-    from flows.process_days import process_recent  # noqa: PLC0415 - the same
+    wanted = names or [name for name in known if name != INGEST]
+    serve(*_deployments(wanted, settings), pause_on_shutdown=False, print_starting_message=False)
 
+
+def _deployments(names: Sequence[str], settings: Settings) -> list[Any]:
+    """Deployments of Prefect; a run that is due while another of its kind is at work is cancelled, not queued."""
+    from prefect.client.schemas.objects import ConcurrencyLimitConfig, ConcurrencyLimitStrategy  # noqa: PLC0415
+    from prefect.schedules import Interval  # noqa: PLC0415
+
+    from flows.bursts import submissions  # noqa: PLC0415
+    from flows.days import earlier_days, newest_days  # noqa: PLC0415
+    from flows.upkeep import housekeeping, ingest, mock_burst  # noqa: PLC0415
+
+    flows = {one.name: one for one in (submissions, newest_days, earlier_days, mock_burst, housekeeping, ingest)}
+    alone = ConcurrencyLimitConfig(limit=1, collision_strategy=ConcurrencyLimitStrategy.CANCEL_NEW)
     # counted from now, so that a worker that was away does at once what it missed
     first = datetime.now(UTC) + FIRST_RUN_AFTER
-    deployments: list[Any] = [  # of one kind, but Prefect's types allow for coroutines too
-        localise_pending.to_deployment(
+    return [
+        flows[name].to_deployment(
             name="scheduled",
-            schedule=Interval(timedelta(seconds=settings.schedule_s), anchor_date=first),
-            description="Localise the bursts whose arrival times came in since the last run.",
+            schedule=Interval(timedelta(seconds=intervals_s(settings)[name]), anchor_date=first),
+            description=(flows[name].description or "").partition("\n")[0],
+            concurrency_limit=alone,
         )
+        for name in names
     ]
-    if settings.recent_days:
-        deployments.append(
-            process_recent.to_deployment(
-                name="scheduled",
-                schedule=Interval(timedelta(seconds=settings.recent_schedule_s), anchor_date=first),
-                description="Search and localise the days whose files came in, or changed, since the last run.",
-            )
-        )
-    # one run at a time: one that takes longer than the interval must not meet the next one
-    serve(*deployments, limit=1, pause_on_shutdown=False, print_starting_message=False)
 
 
 def _lay_out(settings: Settings) -> None:
@@ -63,6 +90,6 @@ def _lay_out(settings: Settings) -> None:
 
 if __name__ == "__main__":
     try:
-        main()
+        main(sys.argv[1:])
     except BellaError as failure:
         sys.exit(f"flows.serve: {failure}")

@@ -13,8 +13,8 @@ from typer.testing import CliRunner
 
 from bella.cli import app
 from bella.exceptions import InputError, UnreachableError
+from tests.archive.server import H1, STEREO, Server, cdf, path_of, status
 from tests.commands import Sandbox
-from tests.spectra.archive_server import H1, STEREO, Server, cdf, path_of, status
 
 DAY = ("--from", "2012-06-07", "--to", "2012-06-07")
 TWO_DAYS = ("--from", "2012-06-07", "--to", "2012-06-08")

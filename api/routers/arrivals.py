@@ -1,24 +1,34 @@
-"""Arrival tables handed in over HTTP: checked at once, localised by the next scheduled run."""
+"""Arrival tables submitted over HTTP: checked at once, localised by the next run, withdrawn by their token."""
 
 import hashlib
 import os
+import re
 import tempfile
+from datetime import UTC, datetime
 from pathlib import Path
 from typing import Annotated
 
+import numpy as np
+import pandas as pd
 import structlog
 from fastapi import APIRouter, Depends, Request
 
-from api.errors import MediaTypeError, TooLargeError
+from api.access import Submitter
+from api.errors import ForbiddenError, MediaTypeError, TooLargeError
 from api.schemas import SubmissionReply
 from api.service import CatalogueHere, ServiceHere
 from bella.arrivals import arrival_grid, locate_receivers, parse_arrivals
-from bella.exceptions import BusyError, InputError, StoreError
+from bella.catalogue import ANONYMOUS, submission_name
+from bella.exceptions import BusyError, InputError, NoDataError, StoreError
 
 router = APIRouter(prefix="/api/v1/arrivals", tags=["arrivals"])
 
 TABLE_TYPES = {"text/csv", "application/csv", "text/plain", "application/octet-stream", ""}
 HOW = "send it with curl --data-binary @arrivals.csv -H 'Content-Type: text/csv'"
+FORMULA = ("=", "+", "-", "@")
+"""With these a spreadsheet begins a formula (OWASP, CSV injection)."""
+EDGE_NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_-]{0,63}")
+"""An edge becomes part of the id of its solution."""
 
 log = structlog.get_logger(__name__)
 
@@ -33,7 +43,7 @@ async def _received(request: Request) -> bytes:
     async for chunk in request.stream():
         body += chunk
         if len(body) > largest:
-            raise TooLargeError(f"an arrival table may have {largest} bytes at most; hand in one burst per table")
+            raise TooLargeError(f"an arrival table may have {largest} bytes at most; submit one burst per table")
     return bytes(body)
 
 
@@ -43,26 +53,77 @@ async def _received(request: Request) -> bytes:
     openapi_extra={"requestBody": {"content": {"text/csv": {"schema": {"type": "string"}}}, "required": True}},
 )
 def submit(
-    service: ServiceHere, catalogue: CatalogueHere, body: Annotated[bytes, Depends(_received)]
+    service: ServiceHere,
+    catalogue: CatalogueHere,
+    submitter: Submitter,  # before the body, which nobody without a token gets to send
+    body: Annotated[bytes, Depends(_received)],
 ) -> SubmissionReply:
-    """Hand in an arrival table (CSV); the next scheduled run localises it. The same table twice is one submission."""
-    table = locate_receivers(parse_arrivals(_text(body)))
-    arrival_grid(table)
+    """Submit an arrival table (CSV) with a token; the next scheduled run localises it under an id of its own.
+
+    The same table of the same token is one submission, however often it is sent.
+    """
+    table = parse_arrivals(_text(body))
+    _check_names(table)
+    _check_past(table)
+    _check_receivers(table)
     sha256 = hashlib.sha256(body).hexdigest()
-    pending = {submission.sha256 for submission in catalogue.pending_submissions()}
-    if sha256 not in pending and len(pending) >= service.settings.max_pending_submissions:
-        raise BusyError(f"{len(pending)} arrival tables wait already: hand this one in again after the next run")
-    name = f"{sha256}.csv"
-    _keep(service.settings.incoming_root / name, body)
-    submission = catalogue.submit(sha256, name)
-    log.info("arrival table received", sha256=sha256, rows=len(table), state=submission.state)
+    pending = {(one.token_id, one.sha256) for one in catalogue.pending_submissions()}
+    if (submitter, sha256) not in pending and len(pending) >= service.settings.max_pending_submissions:
+        raise BusyError(f"{len(pending)} arrival tables wait already: submit this one again after the next run")
+    new = submission_name(table["arrival_utc"].min().date())
+    path = service.settings.incoming_root / f"{new}.csv"
+    _keep(path, body)
+    submission = catalogue.submit(submitter, sha256, new)
+    if submission.submission_id != new:  # it was submitted before
+        path.replace(path.with_name(f"{submission.submission_id}.csv"))
+    log.info("arrival table received", submission_id=submission.submission_id, rows=len(table), state=submission.state)
     return SubmissionReply.of(submission)
 
 
-@router.get("/{sha256}")
-def submission(sha256: str, catalogue: CatalogueHere) -> SubmissionReply:
-    """What became of an arrival table that was handed in."""
-    return SubmissionReply.of(catalogue.submission(sha256))
+@router.get("/{submission_id}")
+def submission(submission_id: str, catalogue: CatalogueHere) -> SubmissionReply:
+    """What became of an arrival table that was submitted."""
+    return SubmissionReply.of(catalogue.submission(submission_id))
+
+
+@router.delete("/{submission_id}")
+def withdraw(submission_id: str, catalogue: CatalogueHere, submitter: Submitter) -> SubmissionReply:
+    """Withdraw a submission with the token that sent it: its burst is retracted, and both stay as a tombstone."""
+    if submitter == ANONYMOUS or catalogue.submission(submission_id).token_id != submitter:
+        raise ForbiddenError(f"{submission_id} was not submitted with this token: send the one that submitted it")
+    return SubmissionReply.of(catalogue.withdraw(submission_id))
+
+
+def _check_names(table: pd.DataFrame) -> None:
+    """Refuse names that a spreadsheet would run as a formula, or that hold characters nobody sees."""
+    for column in ("observatory", "edge", "flag"):
+        for row, name in enumerate(map(str, table[column]), start=1):
+            if name.lstrip().startswith(FORMULA) or not name.isprintable():
+                raise InputError(
+                    f"arrival table: row {row}, column {column}: {name[:40]!r} begins with one of = + - @ or holds a "
+                    "control character; rename it"
+                )
+            if column == "edge" and not EDGE_NAME.fullmatch(name):
+                raise InputError(
+                    f"arrival table: row {row}, column edge: {name[:40]!r} is not a name; use letters, digits, - and _"
+                )
+
+
+def _check_receivers(table: pd.DataFrame) -> None:
+    try:
+        arrival_grid(locate_receivers(table))
+    except NoDataError as error:  # of the ephemeris: it is the table that is wrong here
+        raise InputError(str(error)) from error
+
+
+def _check_past(table: pd.DataFrame) -> None:
+    future = table["arrival_utc"].to_numpy() > np.datetime64(datetime.now(UTC).replace(tzinfo=None), "ns")
+    if future.any():
+        row = int(future.argmax()) + 1
+        raise InputError(
+            f"arrival table: row {row}, column arrival_utc: {table['arrival_utc'].iloc[row - 1]} is in the future; "
+            "write times in UTC"
+        )
 
 
 def _text(body: bytes) -> str:

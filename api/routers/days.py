@@ -11,7 +11,7 @@ from fastapi.responses import HTMLResponse
 from pydantic import ValidationError
 
 from api.asking import asked_of, fault_words
-from api.queries import DayFilter, parse_day
+from api.queries import DayFilter, OriginChoice, parse_day
 from api.rendering import render
 from api.schemas import day_links
 from api.service import CatalogueHere, ServiceHere
@@ -19,10 +19,11 @@ from api.wording import NOT_COMPARED
 from bella.catalogue import BurstQuery, Catalogue, DayPage, DaySummary, Detection
 from bella.exceptions import InputError, NoDataError
 from bella.flags import REJECTED
+from bella.records import REAL_ORIGINS, Origin
 
 router = APIRouter(include_in_schema=False)
 
-FIELDS = ("from", "to", "limit")
+FIELDS = ("from", "to", "limit", "origin")
 AROUND = timedelta(hours=1)
 """A burst keeps the onset under which it was first published; later data may move it past midnight."""
 
@@ -50,7 +51,7 @@ def days_page(request: Request, catalogue: CatalogueHere) -> HTMLResponse:
         page=page,
         fault=fault,
         asked={name: asked.get(name, "") for name in FIELDS},
-        filtered=any(asked.get(name) for name in ("from", "to")),
+        filtered=any(asked.get(name) for name in ("from", "to", "origin")),
         onward=onward,
         is_empty=page is not None and page.total == 0 and catalogue.days(limit=1).total == 0,
     )
@@ -60,7 +61,7 @@ def _answer(catalogue: Catalogue, asked: dict[str, Any]) -> tuple[DayPage | None
     """Page of days with the query of the next one, or what is wrong with the question."""
     try:
         wanted = DayFilter.model_validate(asked)
-        page = catalogue.days(*wanted.span(), wanted.limit)
+        page = catalogue.days(*wanted.span(), wanted.limit, wanted.origins)
     except (InputError, ValidationError) as error:
         return None, None, fault_words(error)
     return page, wanted.onward(page.next_last) if page.next_last else None, None
@@ -74,17 +75,24 @@ def _months(days: Sequence[DaySummary]) -> list[tuple[str, list[DaySummary]]]:
 def day_page(request: Request, day: str, service: ServiceHere, catalogue: CatalogueHere) -> HTMLResponse:
     """What was heard on a searched day, drawn and in tables."""
     wanted = parse_day(day)
-    summary = next(iter(catalogue.days(wanted, wanted, 1).days), None)
+    asked = OriginChoice.model_validate(asked_of(request)).origins
+    known = catalogue.days(wanted, wanted, 1, asked).days
+    summary = min(known, key=lambda one: asked.index(one.searched.origin), default=None)
     if summary is None:
         raise NoDataError(f"{wanted} was not searched: run bella run --from {wanted}")
-    found = catalogue.detections_of(wanted)
-    before, after = catalogue.days_beside(wanted)
+    origins = (summary.searched.origin,)
+    found = catalogue.detections_of(wanted, origins)
+    beside = [one and day_links(one, origins[0])["page"] for one in catalogue.days_beside(wanted, origins)]
+    before, after = catalogue.days_beside(wanted, origins)
     return render(
         request,
         "day.html",
         summary=summary,
-        links=day_links(wanted),
-        is_drawn=service.settings.day_figure(wanted).is_file(),
+        links=day_links(wanted, origins[0]),
+        origin=origins[0],
+        is_real=origins[0] in REAL_ORIGINS,
+        beside=beside,
+        is_drawn=service.settings.day_figure(wanted, origins[0]).is_file(),
         bursts=_shown_bursts(found, _with_page(catalogue, wanted)),
         rejected=[one for one in found if one.tier == REJECTED],
         before=before,
@@ -95,7 +103,9 @@ def day_page(request: Request, day: str, service: ServiceHere, catalogue: Catalo
 def _with_page(catalogue: Catalogue, day: date) -> frozenset[str]:
     """Bursts around a day that the catalogue has."""
     midnight = datetime.combine(day, time(), UTC)
-    query = BurstQuery(start=midnight - AROUND, stop=midnight + timedelta(days=1) + AROUND, limit=1000)
+    query = BurstQuery(
+        start=midnight - AROUND, stop=midnight + timedelta(days=1) + AROUND, limit=1000, origins=frozenset(Origin)
+    )
     return frozenset(one.burst.burst_id for one in catalogue.bursts(query).bursts)
 
 

@@ -6,7 +6,7 @@ from fastapi import APIRouter, Query, Request, Response
 from fastapi.responses import FileResponse
 
 from api.freshness import REVALIDATE, file_tag, is_known, not_modified
-from api.queries import DayFilter, DetectionFilter, parse_day
+from api.queries import DayFilter, DetectionFilter, OriginChoice, parse_day
 from api.schemas import API, DayReply, DaysReply, DaySummaryReply, DetectionReply, DetectionsReply
 from api.service import CatalogueHere, ServiceHere
 from bella.exceptions import NoDataError
@@ -18,7 +18,7 @@ router = APIRouter(prefix="/api/v1", tags=["detections"])
 def detections(catalogue: CatalogueHere, wanted: Annotated[DetectionFilter, Query()]) -> DetectionsReply:
     """Detections of a time range by onset; a tier other than "localisable" comes with its reason."""
     start, stop = wanted.interval()
-    found = catalogue.detections(start, stop, wanted.observatory, wanted.limit + 1)
+    found = catalogue.detections(start, stop, wanted.observatory, wanted.limit + 1, wanted.origins)
     shown = found[: wanted.limit]
     return DetectionsReply(
         detections=[DetectionReply.of(one) for one in shown],
@@ -30,7 +30,7 @@ def detections(catalogue: CatalogueHere, wanted: Annotated[DetectionFilter, Quer
 @router.get("/days")
 def days(catalogue: CatalogueHere, wanted: Annotated[DayFilter, Query()]) -> DaysReply:
     """Searched days, the newest first, with how much was heard on each; both ends of the range belong to it."""
-    page = catalogue.days(*wanted.span(), wanted.limit)
+    page = catalogue.days(*wanted.span(), wanted.limit, wanted.origins)
     return DaysReply(
         days=[DaySummaryReply.of(one) for one in page.days],
         total=page.total,
@@ -41,17 +41,18 @@ def days(catalogue: CatalogueHere, wanted: Annotated[DayFilter, Query()]) -> Day
 
 
 @router.get("/days/{day}")
-def day(day: str, catalogue: CatalogueHere) -> DayReply:
+def day(day: str, catalogue: CatalogueHere, choice: Annotated[OriginChoice, Query()]) -> DayReply:
     """Whether a day was searched, and which spacecraft had data: no data, no burst and not placed are told apart."""
     wanted = parse_day(day)
-    return DayReply.of(wanted, catalogue.searched_day(wanted))
+    return DayReply.of(wanted, catalogue.searched_day(wanted, choice.origins))
 
 
 @router.get("/days/{day}/figure", responses={200: {"content": {"image/png": {}}}}, response_class=Response)
-def day_figure(request: Request, day: str, service: ServiceHere) -> Response:
+def day_figure(request: Request, day: str, service: ServiceHere, choice: Annotated[OriginChoice, Query()]) -> Response:
     """Spectra of all spacecraft on a searched day with what was found outlined, PNG; redrawn with the day."""
     wanted = parse_day(day)
-    path = service.settings.day_figure(wanted)
+    paths = [service.settings.day_figure(wanted, origin) for origin in choice.origins]
+    path = next((one for one in paths if one.is_file()), paths[0])
     if not path.is_file():
         raise NoDataError(f"{wanted} is not drawn: run bella run --from {wanted}")
     tag = file_tag(path)

@@ -15,17 +15,19 @@ from api.queries import BurstFilter, SeriesChoice, one_per_edge
 from api.remarks import edge_remark
 from api.rendering import render
 from api.routers.bursts import versions_of
-from api.schemas import SolutionReply, burst_links, figure_path
+from api.routers.solutions import sources_of
+from api.schemas import SolutionReply, burst_links, day_links, figure_path
 from api.service import CatalogueHere, ServiceHere
 from api.summary_section import summary_words
 from api.track_section import TrackSection, track_section
 from api.wind_section import wind_table
 from api.wording import APPARENT_SOURCE, EDGE_DECIDES
 from bella.answer import GRADES
-from bella.catalogue import BurstPage, BurstQuery, Catalogue, Solution
+from bella.catalogue import Burst, BurstPage, BurstQuery, Catalogue, Solution
 from bella.exceptions import InputError
 from bella.flags import FLAGS, HARMLESS_FLAGS, NOT_CONSTRAINED
 from bella.plotting import edge_name, plotly_script
+from bella.records import ALL_ORIGINS, REAL_ORIGINS, Origin, origins_beside
 from bella.settings import Settings
 from bella.spacecraft import OBSERVATORIES
 
@@ -75,6 +77,8 @@ def catalogue_page(request: Request, catalogue: CatalogueHere) -> HTMLResponse:
         request,
         "catalogue.html",
         status=422 if fault else 200,
+        real=REAL_ORIGINS,
+        origins=[*Origin, ALL_ORIGINS],
         rows=[(summary, burst_links(summary.burst)) for summary in page.bursts] if page else [],
         page=page,
         fault=fault,
@@ -103,12 +107,15 @@ def burst_page(request: Request, burst_id: str, service: ServiceHere, catalogue:
         request,
         "burst.html",
         burst=summary.burst,
+        is_real=summary.burst.origin in REAL_ORIGINS,
+        history=catalogue.alerts(burst_id=burst_id, origins=tuple(Origin)),
+        sources={one.solution_id: sources_of(catalogue, one.solution_id) for one in solutions},
         preferred=summary.preferred,
         preference=summary.preference,
         shown=solutions[0] if solutions else None,
         grades=GRADES,
         links=burst_links(summary.burst),
-        is_searched=catalogue.searched_day(summary.burst.start_utc.date()) is not None,
+        day_page=_day_page(catalogue, summary.burst),
         series=urlencode({name: value for name, value in choice if value}),
         series_known=_series_known(summary.solutions),
         solutions=[SolutionReply.of(solution) for solution in solutions],
@@ -126,6 +133,13 @@ def burst_page(request: Request, burst_id: str, service: ServiceHere, catalogue:
         apparent=APPARENT_SOURCE,
         edge_decides=EDGE_DECIDES,
     )
+
+
+def _day_page(catalogue: Catalogue, burst: Burst) -> str | None:
+    """Address of the page of the day of a burst; None where that was not searched in data of its origin."""
+    day, origins = burst.start_utc.date(), tuple(origins_beside(burst.origin))
+    known = catalogue.searched_day(day, REAL_ORIGINS if burst.origin in REAL_ORIGINS else origins)
+    return day_links(day, known.origin)["page"] if known else None
 
 
 @router.get("/static/plotly.min.js")

@@ -6,8 +6,9 @@ from fastapi import APIRouter, Response
 from fastapi.responses import FileResponse
 
 from api.freshness import IMMUTABLE
-from api.schemas import SolutionReply
+from api.schemas import SolutionReply, SolutionWithSourcesReply, SourceReply
 from api.service import CatalogueHere, ServiceHere
+from bella.catalogue import Catalogue
 from bella.exceptions import NoDataError
 from bella.store import group_file
 
@@ -15,9 +16,16 @@ router = APIRouter(prefix="/api/v1/solutions", tags=["solutions"])
 
 
 @router.get("/{solution_id}")
-def solution(solution_id: str, catalogue: CatalogueHere) -> SolutionReply:
-    """One solution."""
-    return SolutionReply.of(catalogue.solution(solution_id))
+def solution(solution_id: str, catalogue: CatalogueHere) -> SolutionWithSourcesReply:
+    """One solution, with the files it was made from, their versions and checksums."""
+    known = SolutionReply.of(catalogue.solution(solution_id))
+    return SolutionWithSourcesReply(**known.model_dump(), sources=sources_of(catalogue, solution_id))
+
+
+def sources_of(catalogue: Catalogue, solution_id: str) -> list[SourceReply]:
+    """Files that a solution was made from."""
+    names = SourceReply.model_fields
+    return [SourceReply(**{name: getattr(one, name) for name in names}) for one in catalogue.sources(solution_id)]
 
 
 @router.head("/{solution_id}/posterior.zarr/{key:path}", include_in_schema=False)

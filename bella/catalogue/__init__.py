@@ -2,6 +2,8 @@
 
 from bella.catalogue.catalogue import Catalogue
 from bella.catalogue.leases import Lease
+from bella.catalogue.observability import FleetMap, ObservedDay, ReceiverDay
+from bella.catalogue.operation import Freshness, Latency, MockRun, Operation, SolutionTimes, Work
 from bella.catalogue.records import (
     Burst,
     BurstPage,
@@ -9,20 +11,27 @@ from bella.catalogue.records import (
     BurstSummary,
     DayPage,
     DaySummary,
+    Delivery,
     Detection,
     Localisation,
     Preference,
     Publication,
+    Retraction,
     SearchedDay,
     Series,
     Solution,
     SourceFile,
     StageRun,
+    StoredGroup,
     Submission,
+    Token,
+    Webhook,
     edge_rank,
 )
+from bella.catalogue.submissions import ANONYMOUS, submission_name
 
 __all__ = [
+    "ANONYMOUS",
     "Burst",
     "BurstPage",
     "BurstQuery",
@@ -30,16 +39,31 @@ __all__ = [
     "Catalogue",
     "DayPage",
     "DaySummary",
+    "Delivery",
     "Detection",
+    "FleetMap",
+    "Freshness",
+    "Latency",
     "Lease",
     "Localisation",
+    "MockRun",
+    "ObservedDay",
+    "Operation",
     "Preference",
     "Publication",
+    "ReceiverDay",
+    "Retraction",
     "SearchedDay",
     "Series",
     "Solution",
+    "SolutionTimes",
     "SourceFile",
     "StageRun",
+    "StoredGroup",
     "Submission",
+    "Token",
+    "Webhook",
+    "Work",
     "edge_rank",
+    "submission_name",
 ]

@@ -1,6 +1,6 @@
 """The catalogue as its callers see it: one class, whose methods are short transactions."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Collection, Sequence
 from contextlib import AbstractContextManager
 from datetime import date, datetime
 from types import TracebackType
@@ -8,13 +8,30 @@ from typing import Any, Self
 
 from sqlalchemy import Engine, text
 
-from bella.catalogue import days, detections, leases, preference, publication, queries, schema, solutions, submissions
+from bella.catalogue import (
+    alerts,
+    days,
+    detections,
+    leases,
+    preference,
+    pruning,
+    publication,
+    queries,
+    retraction,
+    schema,
+    solutions,
+    submissions,
+    tokens,
+    webhooks,
+)
 from bella.catalogue.engine import connect, display_name, parse_url, reading
+from bella.catalogue.operation import Operation
 from bella.catalogue.records import (
     BurstPage,
     BurstQuery,
     BurstSummary,
     DayPage,
+    Delivery,
     Detection,
     Localisation,
     Publication,
@@ -23,9 +40,12 @@ from bella.catalogue.records import (
     Solution,
     SourceFile,
     StageRun,
+    StoredGroup,
     Submission,
+    Token,
+    Webhook,
 )
-from bella.records import Track
+from bella.records import ANNOUNCED_ORIGINS, REAL_ORIGINS, Alert, Origin, Track
 
 
 class Catalogue:
@@ -38,11 +58,14 @@ class Catalogue:
     ----------
     name : str
         Name of the database for messages, without its password.
+    operation : Operation
+        Tables about the service itself: freshness, latencies, mock bursts, observability.
     """
 
     def __init__(self, engine: Engine) -> None:
         self._engine = engine
         self.name = display_name(engine.url)
+        self.operation = Operation(engine)
 
     @classmethod
     def open(cls, database_url: str, *, create: bool = False) -> Self:
@@ -116,7 +139,7 @@ class Catalogue:
         run_id : str
             Run that works on it.
         duration_s : float
-            Time after which the run counts as dead, s; `Lease.renew` extends it.
+            Time after which a run that does not renew it counts as dead, s; a thread renews it during the block.
 
         Returns
         -------
@@ -129,17 +152,27 @@ class Catalogue:
         """Last runs of all stages, the latest first; see `leases.stage_runs`."""
         return leases.stage_runs(self._engine, limit)
 
+    def held_subjects(self) -> frozenset[str]:
+        """What live runs work on, such as burst ids and days; see `leases.held_subjects`."""
+        return leases.held_subjects(self._engine)
+
     def find_solution(self, burst_id: str, series: Series, inputs_hash: str, code_version: str) -> Solution | None:
         """The newest version of a series if it has these inputs and this code; see `publication.find_solution`."""
         return publication.find_solution(self._engine, burst_id, series, inputs_hash, code_version)
 
-    def publish(self, new: Publication) -> Solution:
+    def publish(
+        self, new: Publication, lease: leases.Lease | None = None, check: Callable[[], None] = lambda: None
+    ) -> Solution:
         """Make a solution visible as the next version of its series; see `publication.publish`.
 
         Parameters
         ----------
         new : Publication
             The solution and all that belongs to it; its group must be in the store already.
+        lease : Lease, optional
+            Right to work on the burst; where it is lost nothing is published.
+        check : callable, optional
+            Called last in the transaction; what it raises undoes all of it.
 
         Returns
         -------
@@ -151,7 +184,7 @@ class Catalogue:
         InputError
             Where a name cannot be part of a solution id, or the localisations are not one per frequency.
         """
-        return publication.publish(self._engine, new)
+        return publication.publish(self._engine, new, lease, check)
 
     def bursts(self, query: BurstQuery | None = None) -> BurstPage:
         """One page of bursts by ascending onset; see `queries.bursts`.
@@ -211,44 +244,143 @@ class Catalogue:
         """Store paths the catalogue refers to, which a sweep of the store must spare."""
         return solutions.referenced_paths(self._engine)
 
-    def record_day(self, day: SearchedDay, found: Sequence[Detection]) -> None:
+    def stored_groups(self) -> tuple[StoredGroup, ...]:
+        """Every group of the store the catalogue refers to, with its checksum; see `solutions.stored_groups`."""
+        return solutions.stored_groups(self._engine)
+
+    def record_day(self, day: SearchedDay, found: Sequence[Detection], lease: leases.Lease | None = None) -> None:
         """Replace what is known of a searched day, in one commit; see `detections.record_day`."""
-        detections.record_day(self._engine, day, found)
+        detections.record_day(self._engine, day, found, lease)
 
-    def searched_day(self, day: date) -> SearchedDay | None:
-        """What a day was searched in; None where it was not."""
-        return detections.searched_day(self._engine, day)
+    def record_unsearched(self, day: SearchedDay) -> None:
+        """Keep why a day was not searched, unless it was before; see `detections.record_unsearched`."""
+        detections.record_unsearched(self._engine, day)
 
-    def days(self, first: date | None = None, last: date | None = None, limit: int = 31) -> DayPage:
-        """Searched days of [first, last], the newest first, with what was heard on each; see `days.days`."""
-        return days.days(self._engine, first, last, limit)
+    def searched_day(self, day: date, origins: Sequence[Origin] = REAL_ORIGINS) -> SearchedDay | None:
+        """What a day was searched in, in data of the first of these origins; None where it was not."""
+        return detections.searched_day(self._engine, day, origins)
 
-    def days_beside(self, day: date) -> tuple[date | None, date | None]:
+    def days(
+        self,
+        first: date | None = None,
+        last: date | None = None,
+        limit: int = 31,
+        origins: Collection[Origin] = REAL_ORIGINS,
+    ) -> DayPage:
+        """Searched days of [first, last], the newest first, with what was detected on each; see `days.days`."""
+        return days.days(self._engine, first, last, limit, origins)
+
+    def days_beside(self, day: date, origins: Collection[Origin] = REAL_ORIGINS) -> tuple[date | None, date | None]:
         """Searched days before and after a day; see `days.neighbours`."""
-        return days.neighbours(self._engine, day)
+        return days.neighbours(self._engine, day, origins)
 
-    def detections_of(self, day: date) -> tuple[Detection, ...]:
+    def detections_of(self, day: date, origins: Collection[Origin] = REAL_ORIGINS) -> tuple[Detection, ...]:
         """Detections recorded with a day, by onset; see `days.detections_of`."""
-        return days.detections_of(self._engine, day)
+        return days.detections_of(self._engine, day, origins)
 
     def detections(
-        self, start: datetime, stop: datetime, observatory: str | None = None, limit: int = 1000
+        self,
+        start: datetime,
+        stop: datetime,
+        observatory: str | None = None,
+        limit: int = 1000,
+        origins: Collection[Origin] = REAL_ORIGINS,
     ) -> tuple[Detection, ...]:
         """Detections with their onset in [start, stop), by onset; see `detections.detections`."""
-        return detections.detections(self._engine, start, stop, observatory, limit)
+        return detections.detections(self._engine, start, stop, observatory, limit, origins)
 
-    def submit(self, sha256: str, file_name: str) -> Submission:
-        """Note that an arrival table was handed in; see `submissions.submit`."""
-        return submissions.submit(self._engine, sha256, file_name)
+    def retract(self, name: str, reason: str) -> str:
+        """Retract a burst or a solution, and say of which burst; see `retraction.retract`."""
+        return retraction.retract(self._engine, name, reason)
 
-    def submission(self, sha256: str) -> Submission:
-        """One submission; NoDataError where no table of that checksum was handed in."""
-        return submissions.submission(self._engine, sha256)
+    def prunable(self, before_utc: datetime) -> tuple[Solution, ...]:
+        """Solutions that were superseded before a time and have their draws; see `pruning.prunable`."""
+        return pruning.prunable(self._engine, before_utc)
+
+    def note_pruned(self, solution_id: str, store_path: str, store_sha256: str) -> None:
+        """Let a superseded solution point to its group without draws; see `pruning.note_pruned`."""
+        pruning.note_pruned(self._engine, solution_id, store_path, store_sha256)
+
+    def create_token(self, name: str) -> tuple[Token, str]:
+        """Make a token, and the secret that is shown once; see `tokens.create`."""
+        return tokens.create(self._engine, name)
+
+    def tokens(self) -> tuple[Token, ...]:
+        """All tokens, revoked ones too."""
+        return tokens.tokens(self._engine)
+
+    def token_of(self, secret: str) -> Token | None:
+        """Token of a secret, a revoked one too; None where there is none."""
+        return tokens.find(self._engine, secret)
+
+    def revoke_token(self, token_id: str) -> Token:
+        """Let a token open nothing any more; NoDataError where there is no such token."""
+        return tokens.revoke(self._engine, token_id)
+
+    def alerts(
+        self,
+        after: int = 0,
+        limit: int = 100,
+        origins: Collection[Origin] = ANNOUNCED_ORIGINS,
+        burst_id: str | None = None,
+    ) -> tuple[Alert, ...]:
+        """Alerts after one of a sequence number, in the order of their commits; see `alerts.alerts`."""
+        return alerts.alerts(self._engine, after, limit, origins, burst_id)
+
+    def newest_alerts(self, limit: int, origins: Collection[Origin] = ANNOUNCED_ORIGINS) -> tuple[Alert, ...]:
+        """The last alerts, the newest first."""
+        return alerts.newest(self._engine, limit, origins)
+
+    def last_alert(self) -> int:
+        """Sequence number of the newest alert of any origin; 0 where there is none."""
+        return alerts.last_sequence(self._engine)
+
+    def add_webhook(self, url: str, *, with_tests: bool = False) -> Webhook:
+        """Add a receiver of the alerts from now on."""
+        return webhooks.add(self._engine, url, with_tests=with_tests)
+
+    def webhooks(self) -> tuple[Webhook, ...]:
+        """Receivers of alerts, and how much waits for each."""
+        return webhooks.webhooks(self._engine)
+
+    def remove_webhook(self, webhook_id: str) -> Webhook:
+        """Send a receiver no more alerts; NoDataError where there is no such receiver."""
+        return webhooks.remove(self._engine, webhook_id)
+
+    def due_deliveries(self, webhook_id: str, now: datetime, limit: int) -> tuple[Delivery, ...]:
+        """Alerts that may be sent to a receiver now, of each burst the first that waits; see `webhooks.due`."""
+        return webhooks.due(self._engine, webhook_id, now, limit)
+
+    def note_delivered(self, webhook_id: str, sequence: int) -> None:
+        """Note that a receiver took an alert, or that it is given up."""
+        webhooks.note_taken(self._engine, webhook_id, sequence)
+
+    def note_refused(self, webhook_id: str, sequence: int, message: str, again_utc: datetime) -> None:
+        """Note that a receiver refused one alert."""
+        webhooks.note_refused(self._engine, webhook_id, sequence, message, again_utc)
+
+    def note_away(self, webhook_id: str, message: str, again_utc: datetime) -> None:
+        """Note that a receiver does not answer."""
+        webhooks.note_away(self._engine, webhook_id, message, again_utc)
+
+    def submit(self, token_id: str, sha256: str, submission_id: str) -> Submission:
+        """Note that an arrival table was submitted; see `submissions.submit`."""
+        return submissions.submit(self._engine, token_id, sha256, submission_id)
+
+    def submission(self, submission_id: str) -> Submission:
+        """One submission; NoDataError where there is none of that id."""
+        return submissions.submission(self._engine, submission_id)
+
+    def withdraw(self, submission_id: str) -> Submission:
+        """Withdraw a submission and retract its burst; see `submissions.withdraw`."""
+        return submissions.withdraw(self._engine, submission_id)
 
     def pending_submissions(self) -> tuple[Submission, ...]:
         """Submissions that wait for a run, in the order they came."""
         return submissions.pending(self._engine)
 
-    def mark_submission(self, sha256: str, state: str, message: str = "", burst_id: str | None = None) -> Submission:
+    def mark_submission(
+        self, submission_id: str, state: str, message: str = "", burst_id: str | None = None
+    ) -> Submission:
         """Note how a submission ended; see `submissions.mark`."""
-        return submissions.mark(self._engine, sha256, state, message, burst_id)
+        return submissions.mark(self._engine, submission_id, state, message, burst_id)

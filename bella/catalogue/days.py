@@ -1,6 +1,6 @@
 """Searched days with what was heard on them: the newest first, a stretch at a time."""
 
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator
 from datetime import UTC, date, datetime, time, timedelta
 
 from sqlalchemy import ColumnElement, Connection, Engine, case, func, select
@@ -11,6 +11,7 @@ from bella.catalogue.models import DetectionRow, SearchedDayRow, table_of
 from bella.catalogue.records import DayPage, DaySummary, Detection
 from bella.exceptions import InputError
 from bella.flags import LOCALISABLE, REJECTED
+from bella.records import REAL_ORIGINS, Origin
 
 MAX_DAYS = 366
 _DAYS, _DETECTIONS = table_of(SearchedDayRow), table_of(DetectionRow)
@@ -18,8 +19,14 @@ _REACH = timedelta(days=1)
 """No onset is farther from the day of its burst; onsets have an index, days of detections have none."""
 
 
-def days(engine: Engine, first: date | None, last: date | None, limit: int) -> DayPage:
-    """Searched days of [first, last], the newest first, with what was heard on each.
+def days(
+    engine: Engine,
+    first: date | None,
+    last: date | None,
+    limit: int,
+    origins: Collection[Origin] = REAL_ORIGINS,
+) -> DayPage:
+    """Searched days of [first, last], the newest first, with what was detected on each in data of each origin.
 
     Parameters
     ----------
@@ -28,7 +35,8 @@ def days(engine: Engine, first: date | None, last: date | None, limit: int) -> D
     first, last : datetime.date or None
         None for no bound.
     limit : int
-        Most that are returned, 1 to `MAX_DAYS`.
+        Most days that are returned, 1 to `MAX_DAYS`.
+    origins : collection of Origin
 
     Returns
     -------
@@ -41,24 +49,28 @@ def days(engine: Engine, first: date | None, last: date | None, limit: int) -> D
     """
     if not 1 <= limit <= MAX_DAYS:
         raise InputError(f"limit is {limit}: give 1 to {MAX_DAYS}")
-    wanted = [_DAYS.c.day >= first] if first is not None else []
+    wanted = [_DAYS.c.origin.in_(sorted(origins))]
+    wanted += [_DAYS.c.day >= first] if first is not None else []
     wanted += [_DAYS.c.day <= last] if last is not None else []
-    page = select(_DAYS).where(*wanted).order_by(_DAYS.c.day.desc()).limit(limit + 1)
+    page = select(_DAYS.c.day).distinct().where(*wanted).order_by(_DAYS.c.day.desc()).limit(limit + 1)
     with reading(engine) as connection:
-        total = connection.execute(select(func.count()).select_from(_DAYS).where(*wanted)).scalar_one()
-        rows = connection.execute(page).all()
-        shown = rows[:limit]
-        counts = dict(_counts(connection, shown[-1].day, shown[0].day)) if shown else {}
-    summaries = tuple(DaySummary(searched_day_of(row), *counts.get(row.day, (0,) * 5)) for row in shown)
-    return DayPage(summaries, shown[-1].day - timedelta(days=1) if len(rows) > limit else None, total)
+        total = connection.execute(select(func.count(_DAYS.c.day.distinct())).where(*wanted)).scalar_one()
+        found = connection.execute(page).scalars().all()
+        shown = found[:limit]
+        own = select(_DAYS).where(*wanted, _DAYS.c.day.in_(shown)).order_by(_DAYS.c.day.desc(), _DAYS.c.origin)
+        rows = connection.execute(own).all()
+        counts = dict(_counts(connection, shown[-1], shown[0])) if shown else {}
+    summaries = tuple(DaySummary(searched_day_of(row), *counts.get((row.day, row.origin), (0,) * 5)) for row in rows)
+    return DayPage(summaries, shown[-1] - timedelta(days=1) if len(found) > limit else None, total)
 
 
-def _counts(connection: Connection, first: date, last: date) -> Iterator[tuple[date, tuple[int, ...]]]:
-    """Of each day with a detection: accepted and rejected detections, bursts, those shared, those localised."""
+def _counts(connection: Connection, first: date, last: date) -> Iterator[tuple[tuple[date, str], tuple[int, ...]]]:
+    """Of each day and origin: accepted and rejected detections, bursts, those shared, those localised."""
     columns = _DETECTIONS.c
     by_burst = (
         select(
             columns.day,
+            columns.origin,
             columns.burst_id,
             func.sum(case((columns.tier == REJECTED, 0), else_=1)).label("accepted"),
             func.sum(case((columns.tier == REJECTED, 1), else_=0)).label("rejected"),
@@ -66,21 +78,22 @@ def _counts(connection: Connection, first: date, last: date) -> Iterator[tuple[d
             func.max(case((columns.tier == LOCALISABLE, 1), else_=0)).label("localised"),
         )
         .where(columns.day.between(first, last), *_onsets_near(first, last))
-        .group_by(columns.day, columns.burst_id)
+        .group_by(columns.day, columns.origin, columns.burst_id)
         .subquery()
     )
     heard = by_burst.c
     is_burst, is_shared = heard.burst_id != "", heard.observatories > 1
     counted = select(
         heard.day,
+        heard.origin,
         func.sum(heard.accepted),
         func.sum(heard.rejected),
         func.sum(case((is_burst, 1), else_=0)),
         func.sum(case((is_burst & is_shared, 1), else_=0)),
         func.sum(case((is_burst, heard.localised), else_=0)),
-    ).group_by(heard.day)
-    for day, *numbers in connection.execute(counted):
-        yield day, tuple(map(int, numbers))  # PostgreSQL sums to a Decimal
+    ).group_by(heard.day, heard.origin)
+    for day, origin, *numbers in connection.execute(counted):
+        yield (day, origin), tuple(map(int, numbers))  # PostgreSQL sums to a Decimal
 
 
 def _onsets_near(first: date, last: date) -> tuple[ColumnElement[bool], ...]:
@@ -88,7 +101,7 @@ def _onsets_near(first: date, last: date) -> tuple[ColumnElement[bool], ...]:
     return _DETECTIONS.c.start_utc >= start, _DETECTIONS.c.start_utc < stop
 
 
-def detections_of(engine: Engine, day: date) -> tuple[Detection, ...]:
+def detections_of(engine: Engine, day: date, origins: Collection[Origin] = REAL_ORIGINS) -> tuple[Detection, ...]:
     """Detections recorded with a day, by onset: with those of its bursts that another spacecraft heard past midnight.
 
     Parameters
@@ -96,6 +109,7 @@ def detections_of(engine: Engine, day: date) -> tuple[Detection, ...]:
     engine : sqlalchemy.Engine
         Engine of the catalogue.
     day : datetime.date
+    origins : collection of Origin
 
     Returns
     -------
@@ -103,12 +117,15 @@ def detections_of(engine: Engine, day: date) -> tuple[Detection, ...]:
     """
     columns = _DETECTIONS.c
     order = (columns.start_utc, columns.observatory, columns.detection_id)
-    wanted = select(_DETECTIONS).where(columns.day == day, *_onsets_near(day, day)).order_by(*order)
+    own = (columns.day == day, columns.origin.in_(sorted(origins)))
+    wanted = select(_DETECTIONS).where(*own, *_onsets_near(day, day)).order_by(*order)
     with reading(engine) as connection:
         return tuple(detection_of(row) for row in connection.execute(wanted))
 
 
-def neighbours(engine: Engine, day: date) -> tuple[date | None, date | None]:
+def neighbours(
+    engine: Engine, day: date, origins: Collection[Origin] = REAL_ORIGINS
+) -> tuple[date | None, date | None]:
     """Searched days before and after a day, whether or not it was searched itself.
 
     Parameters
@@ -116,13 +133,15 @@ def neighbours(engine: Engine, day: date) -> tuple[date | None, date | None]:
     engine : sqlalchemy.Engine
         Engine of the catalogue.
     day : datetime.date
+    origins : collection of Origin
 
     Returns
     -------
     before, after : datetime.date or None
         None where there is none.
     """
-    before = select(func.max(_DAYS.c.day)).where(_DAYS.c.day < day)
-    after = select(func.min(_DAYS.c.day)).where(_DAYS.c.day > day)
+    own = _DAYS.c.origin.in_(sorted(origins))
+    before = select(func.max(_DAYS.c.day)).where(own, _DAYS.c.day < day)
+    after = select(func.min(_DAYS.c.day)).where(own, _DAYS.c.day > day)
     with reading(engine) as connection:
         return connection.execute(before).scalar_one(), connection.execute(after).scalar_one()

@@ -2,20 +2,24 @@
 
 The row of `stage_run` is the lease. Whoever replaces its token owns it: one conditional update, of which two rivals
 cannot both succeed on any database. An orchestrator's own idea of what runs is not asked.
+
+A lease is renewed by a thread while the work goes on, however long that takes. A run that has lost its lease cannot
+publish: :func:`check_held` is asked inside the transaction that would.
 """
 
 import os
 import socket
+import threading
 import uuid
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
 from typing import Any
 
 import structlog
-from sqlalchemy import Engine, Row, select, update
+from sqlalchemy import Connection, Engine, Row, select, update
 
 from bella.catalogue.engine import reading, writing
 from bella.catalogue.models import StageRunRow, table_of
@@ -26,6 +30,9 @@ from bella.exceptions import BellaError, BusyError
 RUNNING, DONE, FAILED = "running", "done", "failed"
 _TABLE = table_of(StageRunRow)
 _MESSAGE_LENGTH = 2000
+BEATS = 3
+"""Renewals in the time of a lease: one that fails, because the database is away, leaves time for another."""
+
 
 log = structlog.get_logger(__name__)
 
@@ -50,6 +57,7 @@ class Lease:
     token: str
     attempt: int
     expires_utc: datetime
+    lost: threading.Event = field(default_factory=threading.Event, compare=False)
 
     def renew(self, duration_s: float) -> datetime:
         """Hold on for longer.
@@ -71,8 +79,13 @@ class Lease:
         """
         expires = _now() + timedelta(seconds=duration_s)
         if not self._change(expires_utc=expires):
-            raise BusyError(f"{self.stage} of {self.subject} was taken over by another run: stop and start anew")
+            self.lost.set()
+            raise self.taken_over()
         return expires
+
+    def taken_over(self) -> BusyError:
+        """The error of a run whose lease belongs to another one."""
+        return BusyError(f"{self.stage} of {self.subject} was taken over by another run: stop and start anew")
 
     def end(self, state: str, message: str = "") -> bool:
         """Give the lease back.
@@ -98,9 +111,31 @@ class Lease:
             return connection.execute(update(_TABLE).where(mine).values(values)).rowcount == 1
 
 
+class _Heartbeat(threading.Thread):
+    """Renews a lease beside the work until it is stopped, or the lease is lost."""
+
+    def __init__(self, lease: Lease, duration_s: float) -> None:
+        super().__init__(name=f"lease {lease.stage} {lease.subject}", daemon=True)
+        self._lease, self._duration_s, self._ended = lease, duration_s, threading.Event()
+
+    def run(self) -> None:
+        while not self._ended.wait(self._duration_s / BEATS):
+            try:
+                self._lease.renew(self._duration_s)
+            except BellaError as error:
+                log.warning("lease not renewed", subject=self._lease.subject, reason=str(error))
+                if self._lease.lost.is_set():
+                    return
+
+    def stop(self) -> None:
+        """End the thread; a renewal under way is waited for."""
+        self._ended.set()
+        self.join()
+
+
 @contextmanager
 def held(engine: Engine, stage: str, subject: str, run_id: str, duration_s: float) -> Iterator[Lease]:
-    """Hold a lease during a block.
+    """Hold a lease during a block; a thread renews it as long as the block takes.
 
     Parameters
     ----------
@@ -111,7 +146,7 @@ def held(engine: Engine, stage: str, subject: str, run_id: str, duration_s: floa
     run_id : str
         Run that works on it.
     duration_s : float
-        Time after which the run counts as dead, s.
+        Time after which a run that does not renew it counts as dead, s.
 
     Yields
     ------
@@ -125,8 +160,13 @@ def held(engine: Engine, stage: str, subject: str, run_id: str, duration_s: floa
     """
     lease = acquire(engine, stage, subject, run_id, duration_s)
     bound = log.bind(stage=stage, subject=subject, run_id=run_id, attempt=lease.attempt)
+    heartbeat = _Heartbeat(lease, duration_s)
+    heartbeat.start()
     try:
-        yield lease
+        try:
+            yield lease
+        finally:
+            heartbeat.stop()
     except BaseException as error:
         # what went wrong in the block is worth more than a catalogue that cannot be told of it
         with suppress(BellaError):
@@ -181,6 +221,44 @@ def acquire(engine: Engine, stage: str, subject: str, run_id: str, duration_s: f
     if seen.state == RUNNING:
         log.warning("lease taken over", stage=stage, subject=subject, run_id=run_id, dead_run_id=seen.run_id)
     return Lease(engine, stage, subject, run_id, values["token"], attempt, expires)
+
+
+def check_held(connection: Connection, lease: Lease) -> None:
+    """Refuse to go on where a lease is lost; until the transaction ends nobody can take it.
+
+    Parameters
+    ----------
+    connection : sqlalchemy.Connection
+        In the transaction that writes what the lease is for.
+    lease : Lease
+
+    Raises
+    ------
+    BusyError
+        Where another run took it over.
+    """
+    mine = (_TABLE.c.token == lease.token) & (_TABLE.c.state == RUNNING)
+    if connection.execute(select(_TABLE.c.stage_run_id).where(mine).with_for_update()).first() is None:
+        raise lease.taken_over()
+
+
+def held_subjects(engine: Engine) -> frozenset[str]:
+    """What live runs work on.
+
+    Parameters
+    ----------
+    engine : sqlalchemy.Engine
+        Engine of the catalogue.
+
+    Returns
+    -------
+    frozenset of str
+        Subjects of all leases that are held, such as burst ids and days.
+    """
+    now = _now()
+    with reading(engine) as connection:
+        rows = connection.execute(select(_TABLE).where(_TABLE.c.state == RUNNING)).all()
+    return frozenset(row.subject for row in rows if is_held(row, now))
 
 
 def is_held(row: Row[tuple[object, ...]], now: datetime) -> bool:

@@ -5,11 +5,10 @@ from math import isnan, nan
 from typing import Any, cast
 
 from sqlalchemy import JSON, CheckConstraint, DateTime, Dialect, Double, ForeignKey, Index, MetaData, Table, false, text
+from sqlalchemy import ForeignKeyConstraint as Foreign
 from sqlalchemy import UniqueConstraint as Unique
 from sqlalchemy.orm import DeclarativeBase, Mapped, mapped_column
 from sqlalchemy.types import TypeDecorator
-
-ARRIVAL_TABLE = "arrival_table"
 
 
 class UtcTime(TypeDecorator[datetime]):
@@ -82,20 +81,10 @@ def table_of(model: type[Base]) -> Table:
 
 
 class SourceFileRow(Base):
-    """Inputs; an arrival table that was handed in is one as well, and is handed in once however often it is sent."""
+    """Inputs: files of the archive, and arrival tables that were submitted."""
 
     __tablename__ = "source_file"
-    __table_args__ = (
-        Unique("dataset", "day", "version", "sha256"),
-        Index(
-            "uq_source_file_arrival_table",
-            "sha256",
-            unique=True,
-            sqlite_where=text("dataset = 'arrival_table'"),
-            postgresql_where=text("dataset = 'arrival_table'"),
-        ),
-        Index("ix_source_file_dataset_state", "dataset", "state"),
-    )
+    __table_args__ = (Unique("dataset", "day", "version", "sha256"),)
 
     source_id: Mapped[int] = mapped_column(primary_key=True)
     dataset: Mapped[str]
@@ -104,32 +93,39 @@ class SourceFileRow(Base):
     sha256: Mapped[str]
     state: Mapped[str]
     uri: Mapped[str]
-    message: Mapped[str] = mapped_column(default="")
-    burst_id: Mapped[str | None] = mapped_column(ForeignKey("burst.burst_id"))
     received_utc: Mapped[datetime] = mapped_column(UtcTime)
     changed_utc: Mapped[datetime] = mapped_column(UtcTime)
 
 
 class SearchedDayRow(Base):
-    """Days whose spectra were searched for bursts, and what they were searched in."""
+    """Answers about days, once for data of each origin: what was searched, or why it was not."""
 
     __tablename__ = "searched_day"
 
     day: Mapped[date] = mapped_column(primary_key=True)
+    origin: Mapped[str] = mapped_column(primary_key=True, server_default="archive")
     inputs_hash: Mapped[str]
     code_version: Mapped[str]
     observatories: Mapped[str]
     searched_utc: Mapped[datetime] = mapped_column(UtcTime)
+    answer: Mapped[str] = mapped_column(server_default="no burst")
+    reason: Mapped[str] = mapped_column(server_default=text("''"))
 
 
 class DetectionRow(Base):
-    """Bursts as one spacecraft heard them on a searched day; those of a day are replaced together."""
+    """Bursts as one spacecraft detected them on a searched day; those of a day and an origin are replaced together."""
 
     __tablename__ = "detection"
-    __table_args__ = (Index("ix_detection_start_utc", "start_utc"),)
+    __table_args__ = (
+        Foreign(["day", "origin"], ["searched_day.day", "searched_day.origin"], ondelete="CASCADE"),
+        Index("ix_detection_start_utc", "start_utc"),
+        Index("ix_detection_day_origin", "day", "origin"),
+        Index("ix_detection_burst_id", "burst_id"),
+    )
 
     detection_id: Mapped[int] = mapped_column(primary_key=True)
-    day: Mapped[date] = mapped_column(ForeignKey("searched_day.day", ondelete="CASCADE"))
+    day: Mapped[date]
+    origin: Mapped[str] = mapped_column(server_default="archive")
     observatory: Mapped[str]
     start_utc: Mapped[datetime] = mapped_column(UtcTime)
     peak_utc: Mapped[datetime] = mapped_column(UtcTime)
@@ -158,6 +154,9 @@ class BurstRow(Base):
     f_low_mhz: Mapped[float] = mapped_column(Double)
     f_high_mhz: Mapped[float] = mapped_column(Double)
     spectra_path: Mapped[str | None]
+    origin: Mapped[str] = mapped_column(server_default="archive")
+    retracted_utc: Mapped[datetime | None] = mapped_column(UtcTime)
+    retracted_reason: Mapped[str | None]
 
 
 class BurstObservatoryRow(Base):
@@ -172,7 +171,7 @@ class BurstObservatoryRow(Base):
 
 
 class SolutionRow(Base):
-    """Versions of solutions; rows are only ever added."""
+    """Versions of solutions; rows are only added, and marked where they are retracted or their draws are pruned."""
 
     __tablename__ = "solution"
     __table_args__ = (
@@ -209,6 +208,10 @@ class SolutionRow(Base):
     v_sw_km_s: Mapped[float | None] = mapped_column(Double)
     v_sw_low_km_s: Mapped[float | None] = mapped_column(Double)
     v_sw_high_km_s: Mapped[float | None] = mapped_column(Double)
+    retracted_utc: Mapped[datetime | None] = mapped_column(UtcTime)
+    retracted_reason: Mapped[str | None]
+    pruned_utc: Mapped[datetime | None] = mapped_column(UtcTime)
+    spectra_path: Mapped[str | None]
 
 
 class PreferenceRow(Base):
@@ -306,3 +309,75 @@ class StageRunRow(Base):
     expires_utc: Mapped[datetime] = mapped_column(UtcTime)
     ended_utc: Mapped[datetime | None] = mapped_column(UtcTime)
     message: Mapped[str]
+
+
+class TokenRow(Base):
+    """Who may submit arrival tables; of the token itself only its SHA-256 is kept."""
+
+    __tablename__ = "api_token"
+    __table_args__ = (Unique("sha256"),)
+
+    token_id: Mapped[str] = mapped_column(primary_key=True)
+    name: Mapped[str]
+    sha256: Mapped[str]
+    created_utc: Mapped[datetime] = mapped_column(UtcTime)
+    revoked_utc: Mapped[datetime | None] = mapped_column(UtcTime)
+
+
+class SubmissionRow(Base):
+    """Arrival tables that were submitted; the same table of the same token is one submission."""
+
+    __tablename__ = "submission"
+    __table_args__ = (Unique("token_id", "sha256"), Index("ix_submission_state_received_utc", "state", "received_utc"))
+
+    submission_id: Mapped[str] = mapped_column(primary_key=True)
+    token_id: Mapped[str]
+    """Of the token, or `anonymous` where submissions are open."""
+    sha256: Mapped[str]
+    state: Mapped[str]
+    message: Mapped[str]
+    burst_id: Mapped[str | None]
+    received_utc: Mapped[datetime] = mapped_column(UtcTime)
+    changed_utc: Mapped[datetime] = mapped_column(UtcTime)
+
+
+class AlertRow(Base):
+    """Alerts in the order of their commits; rows are only added, in the transaction of what they tell."""
+
+    __tablename__ = "alert"
+    __table_args__ = (Index("ix_alert_burst_id_sequence", "burst_id", "sequence"),)
+
+    sequence: Mapped[int] = mapped_column(primary_key=True, autoincrement=False)
+    alert_type: Mapped[str]
+    origin: Mapped[str]
+    burst_id: Mapped[str] = mapped_column(ForeignKey("burst.burst_id"))
+    solution_id: Mapped[str | None]
+    created_utc: Mapped[datetime] = mapped_column(UtcTime)
+    body: Mapped[dict[str, Any]] = mapped_column(JSON)
+
+
+class WebhookRow(Base):
+    """Receivers of alerts; the secret signs what is sent to them, so it is kept as it is."""
+
+    __tablename__ = "webhook"
+
+    webhook_id: Mapped[str] = mapped_column(primary_key=True)
+    url: Mapped[str]
+    secret: Mapped[str]
+    with_tests: Mapped[bool]
+    created_utc: Mapped[datetime] = mapped_column(UtcTime)
+    removed_utc: Mapped[datetime | None] = mapped_column(UtcTime)
+    failures: Mapped[int]
+    next_attempt_utc: Mapped[datetime] = mapped_column(UtcTime)
+    message: Mapped[str]
+
+
+class DeliveryRow(Base):
+    """Alerts that a receiver does not have yet; a row goes when its alert was taken or given up."""
+
+    __tablename__ = "delivery"
+
+    webhook_id: Mapped[str] = mapped_column(ForeignKey("webhook.webhook_id", ondelete="CASCADE"), primary_key=True)
+    sequence: Mapped[int] = mapped_column(ForeignKey("alert.sequence"), primary_key=True)
+    attempts: Mapped[int]
+    next_attempt_utc: Mapped[datetime] = mapped_column(UtcTime)

@@ -9,8 +9,9 @@ from datetime import UTC, datetime
 from typing import Any
 
 import structlog
-from sqlalchemy import Connection, Engine, Row, select
+from sqlalchemy import Connection, Engine, Row, delete, select
 
+from bella.catalogue.alerts import note_answer
 from bella.catalogue.engine import writing
 from bella.catalogue.models import BurstRow, PreferenceRow, SolutionRow, table_of
 from bella.catalogue.records import PERSON, RULE, Preference, Series, Solution, rule_order
@@ -53,7 +54,7 @@ def follow_publication(connection: Connection, new: Solution) -> None:
     """
     kept = preferences(connection, [new.burst_id]).get(new.burst_id)
     known = _newest(connection, new.burst_id)
-    if kept is None:
+    if kept is None or all(one.series != kept.series for one in known):
         _store(connection, new.burst_id, min(known, key=_by_rule).series, RULE, BY_RULE)
         return
     if kept.chosen_by == PERSON or kept.series == new.series:
@@ -96,6 +97,7 @@ def prefer(engine: Engine, burst_id: str, name: str, reason: str) -> Solution:
         known = _locked(connection, burst_id)
         chosen = _named(known, burst_id, name)
         _store(connection, burst_id, chosen.series, PERSON, reason)
+        note_answer(connection, burst_id)
         return solution_rows(connection, table_of(SolutionRow).c.solution_id == chosen.solution_id)[0]
 
 
@@ -121,15 +123,39 @@ def prefer_by_rule(engine: Engine, burst_id: str) -> Solution:
     with writing(engine) as connection:
         best = min(_locked(connection, burst_id), key=_by_rule)
         _store(connection, burst_id, best.series, RULE, BY_RULE)
+        note_answer(connection, burst_id)
         return solution_rows(connection, table_of(SolutionRow).c.solution_id == best.solution_id)[0]
 
 
-def _locked(connection: Connection, burst_id: str) -> tuple[Solution, ...]:
-    """Newest solutions of a burst, which no one publishes meanwhile."""
+def choose_again(connection: Connection, burst_id: str) -> None:
+    """Let the rule choose where the newest version of the preferred series was retracted; in the same transaction."""
+    kept = preferences(connection, [burst_id]).get(burst_id)
+    known = _newest(connection, burst_id)
+    if kept is None or any(one.series == kept.series for one in known):
+        return
+    if known:
+        _store(connection, burst_id, min(known, key=_by_rule).series, RULE, BY_RULE)
+    else:
+        connection.execute(delete(_TABLE).where(_TABLE.c.burst_id == burst_id))
+
+
+def lock(connection: Connection, burst_id: str) -> None:
+    """Lock the row of a burst until the transaction ends, so that no one publishes meanwhile.
+
+    Raises
+    ------
+    NoDataError
+        Where there is no such burst.
+    """
     bursts = table_of(BurstRow)
     row = connection.execute(select(bursts.c.burst_id).where(bursts.c.burst_id == burst_id).with_for_update())
     if row.first() is None:
         raise NoDataError(f"there is no burst {burst_id}: ids are like T3-20120607-1929")
+
+
+def _locked(connection: Connection, burst_id: str) -> tuple[Solution, ...]:
+    """Newest solutions of a burst that stand, which no one publishes meanwhile."""
+    lock(connection, burst_id)
     known = _newest(connection, burst_id)
     if not known:
         raise NoDataError(f"{burst_id} has no solution: run it first")
@@ -138,7 +164,8 @@ def _locked(connection: Connection, burst_id: str) -> tuple[Solution, ...]:
 
 def _newest(connection: Connection, burst_id: str) -> tuple[Solution, ...]:
     table = table_of(SolutionRow)
-    return solution_rows(connection, table.c.burst_id == burst_id, is_newest(table))
+    stands = table.c.retracted_utc.is_(None)
+    return solution_rows(connection, table.c.burst_id == burst_id, is_newest(table), stands)
 
 
 def _named(known: tuple[Solution, ...], burst_id: str, name: str) -> Solution:

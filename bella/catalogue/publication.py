@@ -3,18 +3,19 @@
 import json
 import math
 import re
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from dataclasses import asdict
 from datetime import UTC, datetime
 from typing import Any
 
 import structlog
-from sqlalchemy import Connection, Engine, Table, delete, func, insert, select, update
+from sqlalchemy import Connection, Engine, Table, and_, delete, func, insert, select, update
 
 from bella.answer import Answer, answer_of, read_track
+from bella.catalogue.alerts import note_answer
 from bella.catalogue.engine import reading, writing
+from bella.catalogue.leases import Lease, check_held
 from bella.catalogue.models import (
-    ARRIVAL_TABLE,
     BurstObservatoryRow,
     BurstRow,
     LocalisationRow,
@@ -28,9 +29,10 @@ from bella.catalogue.models import (
 from bella.catalogue.preference import follow_publication
 from bella.catalogue.records import Burst, Publication, Series, Solution, SourceFile
 from bella.catalogue.solutions import newest, solution_rows
+from bella.catalogue.submissions import refuse_withdrawn
 from bella.catalogue.upserts import dialect_insert, insert_ignoring
 from bella.exceptions import InputError
-from bella.records import Track
+from bella.records import Origin, Track, origins_beside
 
 _NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_-]*")
 
@@ -62,7 +64,9 @@ def find_solution(
         return _same(connection, burst_id, series, inputs_hash, code_version)
 
 
-def publish(engine: Engine, publication: Publication) -> Solution:
+def publish(
+    engine: Engine, publication: Publication, lease: Lease | None = None, check: Callable[[], None] = lambda: None
+) -> Solution:
     """Make a solution visible as the next version of its series.
 
     Parameters
@@ -71,6 +75,10 @@ def publish(engine: Engine, publication: Publication) -> Solution:
         Engine of the catalogue.
     publication : Publication
         The solution and all that belongs to it; its group must be in the store already.
+    lease : Lease, optional
+        Right to work on the burst; where it is lost nothing is published.
+    check : callable, optional
+        Called last in the transaction; what it raises undoes all of it. Says that the groups are in the store.
 
     Returns
     -------
@@ -81,6 +89,8 @@ def publish(engine: Engine, publication: Publication) -> Solution:
     ------
     InputError
         Where a name cannot be part of a solution id, or the localisations are not one per frequency.
+    BusyError
+        Where the lease was taken over by another run.
     """
     _check(publication)
     key = (publication.burst.burst_id, publication.series, publication.inputs_hash, publication.code_version)
@@ -89,6 +99,7 @@ def publish(engine: Engine, publication: Publication) -> Solution:
     with writing(engine) as connection:
         # on PostgreSQL this locks the burst's row, on SQLite the transaction holds the lock: publishers queue here
         _upsert_burst(connection, publication.burst)
+        _refuse_others(connection, publication.burst)
         if (same := _same(connection, *key)) is not None:
             connection.rollback()
             return same
@@ -97,7 +108,11 @@ def publish(engine: Engine, publication: Publication) -> Solution:
         _insert_parts(connection, solution_id, publication, fit)
         published = table_of(SolutionRow).c.solution_id == solution_id
         follow_publication(connection, solution_rows(connection, published)[0])
+        note_answer(connection, publication.burst.burst_id)
         solution = solution_rows(connection, published)[0]
+        if lease is not None:
+            check_held(connection, lease)
+        check()
     log.info("solution published", burst_id=solution.burst_id, solution_id=solution_id, store_path=solution.store_path)
     return solution
 
@@ -157,13 +172,27 @@ def _check(publication: Publication) -> None:
         raise InputError(f"{publication.burst.burst_id} is localised twice at {twice} MHz: give each frequency once")
 
 
+def _refuse_others(connection: Connection, burst: Burst) -> None:
+    """Refuse data that may not touch the burst of this id: of another origin, or of a withdrawn submission."""
+    own = table_of(BurstRow).c
+    kept = Origin(connection.execute(select(own.origin).where(own.burst_id == burst.burst_id)).scalar_one())
+    if burst.origin not in origins_beside(kept):
+        raise InputError(
+            f"{burst.burst_id} is of origin {kept}, and data of origin {burst.origin} cannot change it: give them "
+            "another id"
+        )
+    if burst.origin is Origin.SUBMISSION:
+        refuse_withdrawn(connection, burst.burst_id)
+
+
 def _upsert_burst(connection: Connection, burst: Burst) -> None:
     table, heard = table_of(BurstRow), table_of(BurstObservatoryRow)
     values = _plain_row(asdict(burst))
     observatories = values.pop("observatories")
+    values.pop("retracted")
     statement = dialect_insert(connection, table).values(values)
     changed: dict[str, Any] = {
-        name: statement.excluded[name] for name in values if name not in {"burst_id", "spectra_path"}
+        name: statement.excluded[name] for name in values if name not in {"burst_id", "spectra_path", "origin"}
     }
     # a solution made without spectra does not take away those of an earlier one
     changed["spectra_path"] = func.coalesce(statement.excluded.spectra_path, table.c.spectra_path)
@@ -191,6 +220,7 @@ def _insert_solution(connection: Connection, publication: Publication, answer: A
         "code_version": publication.code_version,
         "store_path": publication.store_path,
         "store_sha256": publication.store_sha256,
+        "spectra_path": publication.burst.spectra_path,
         "created_utc": datetime.now(UTC),
         "reference_utc": publication.reference_utc,
         **answer.model_dump(),
@@ -213,15 +243,11 @@ def _insert_parts(connection: Connection, solution_id: str, publication: Publica
 
 
 def _source_id(connection: Connection, file: SourceFile) -> int:
-    """Row of an input, inserted if need be; a table that was handed in keeps the row and state it has."""
+    """Row of an input, inserted if need be."""
     table, now = table_of(SourceFileRow), datetime.now(UTC)
-    same = (table.c.dataset == file.dataset) & (table.c.sha256 == file.sha256)
-    if file.dataset != ARRIVAL_TABLE:
-        same &= (table.c.day == file.day) & (table.c.version == file.version)
-    added = insert_ignoring(
-        connection, table, asdict(file) | {"message": "", "received_utc": now, "changed_utc": now, "burst_id": None}
-    )
-    if not added and file.dataset != ARRIVAL_TABLE:
+    same = and_(*(table.c[name] == getattr(file, name) for name in ("dataset", "day", "version", "sha256")))
+    added = insert_ignoring(connection, table, asdict(file) | {"received_utc": now, "changed_utc": now})
+    if not added:
         news = (table.c.state != file.state) | (table.c.uri != file.uri)
         values = {"state": file.state, "uri": file.uri, "changed_utc": now}
         connection.execute(update(table).where(same, news).values(values))

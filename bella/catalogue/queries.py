@@ -26,8 +26,9 @@ from bella.catalogue.records import (
     BurstSummary,
     Solution,
 )
-from bella.catalogue.solutions import SERIES_COLUMNS, is_newest, solution_rows
+from bella.catalogue.solutions import SERIES_COLUMNS, is_newest, retraction_of, solution_rows
 from bella.exceptions import InputError, NoDataError
+from bella.records import Origin
 
 MAX_LIMIT = 1000
 
@@ -141,7 +142,9 @@ def _after(start_utc: datetime, burst_id: str) -> ColumnElement[bool]:
 
 def _filters(query: BurstQuery) -> list[ColumnElement[bool]]:
     table, heard = table_of(BurstRow), table_of(BurstObservatoryRow)
-    conditions: list[ColumnElement[bool]] = []
+    conditions: list[ColumnElement[bool]] = [table.c.origin.in_(sorted(query.origins))]
+    if not query.with_retracted:
+        conditions.append(table.c.retracted_utc.is_(None))
     if query.start is not None:
         conditions.append(table.c.start_utc >= query.start)
     if query.stop is not None:
@@ -181,7 +184,13 @@ def _summaries(connection: Connection, rows: Any) -> tuple[BurstSummary, ...]:
         newest[solution.burst_id].append(solution)
     preferred = preferences(connection, ids)
     return tuple(
-        BurstSummary(Burst(**row, observatories=tuple(observatories[one])), tuple(newest[one]), preferred.get(one))
+        BurstSummary(_burst(row, observatories[one]), tuple(newest[one]), preferred.get(one))
         for row in rows
         for one in [row["burst_id"]]
     )
+
+
+def _burst(row: Any, observatories: list[str]) -> Burst:
+    retracted = retraction_of(row["retracted_utc"], row["retracted_reason"])
+    known = {name: row[name] for name in row if name not in {"origin", "retracted_utc", "retracted_reason"}}
+    return Burst(**known, observatories=tuple(observatories), origin=Origin(row["origin"]), retracted=retracted)

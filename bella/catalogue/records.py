@@ -9,7 +9,7 @@ from datetime import date, datetime
 from typing import Any, Literal
 
 from bella.answer import Answer
-from bella.records import Track
+from bella.records import REAL_ORIGINS, Alert, DayAnswer, Origin, Track
 
 METHOD_ORDER = ("posterior", "nuts", "tdoa")
 PRESET_ORDER = ("default", "robust", "free-speed", "subluminal", "paper", "bella-2024")
@@ -31,8 +31,19 @@ class SourceFile:
 
 
 @dataclass(frozen=True)
+class Retraction:
+    """Why and when something was retracted."""
+
+    reason: str
+    retracted_utc: datetime
+
+
+@dataclass(frozen=True)
 class Burst:
-    """One Type III burst: when, between which frequencies (MHz), and who heard it."""
+    """One Type III burst: when, between which frequencies (MHz), who detected it, and where its data come from.
+
+    `retracted` is set by a person alone: what is published with it is ignored.
+    """
 
     burst_id: str
     start_utc: datetime
@@ -41,19 +52,26 @@ class Burst:
     f_high_mhz: float
     observatories: tuple[str, ...]
     spectra_path: str | None = None
+    origin: Origin = Origin.ARCHIVE
+    retracted: Retraction | None = None
 
 
 @dataclass(frozen=True)
 class SearchedDay:
-    """A day whose spectra were searched for bursts: in which files, by which code, of which spacecraft.
+    """The answer about a day: in which files it was searched, by which code, of which spacecraft, and what came of it.
 
     A spacecraft that is not among the observatories had no data; one that is and has no detection heard no burst.
+    `reason` says why a day could not be searched, or which data sets could not be asked for. A day is kept once for
+    each origin of its files.
     """
 
     day: date
     inputs_hash: str
     code_version: str
     observatories: tuple[str, ...]
+    answer: DayAnswer = DayAnswer.NO_BURST
+    reason: str = ""
+    origin: Origin = Origin.ARCHIVE
 
 
 @dataclass(frozen=True)
@@ -78,6 +96,7 @@ class Detection:
     tier: str
     reason: str
     burst_id: str
+    origin: Origin = Origin.ARCHIVE
 
 
 @dataclass(frozen=True)
@@ -98,7 +117,10 @@ class DaySummary:
 
 @dataclass(frozen=True)
 class DayPage:
-    """Searched days, the newest first; `next_last` is the day to go on with, None at the end, `total` counts all."""
+    """Searched days, the newest first, each once for every origin of its files.
+
+    `next_last` is the day to go on with, None at the end; `total` counts all days.
+    """
 
     days: tuple[DaySummary, ...]
     next_last: date | None
@@ -162,9 +184,10 @@ class Localisation:
 
 @dataclass(frozen=True)
 class Solution:
-    """One version of the localisation of one burst; never changed once it is there.
+    """One version of the localisation of one burst; its numbers never change once it is there.
 
-    `preferred` alone may change: it says whether this is the newest version of the preferred series of its burst.
+    `preferred` says whether this is the newest version of the preferred series of its burst, `retracted` whether it or
+    its burst was retracted, and `pruned_utc` when the draws of a superseded version were removed from the store.
     """
 
     solution_id: str
@@ -181,6 +204,19 @@ class Solution:
     reference_utc: datetime
     answer: Answer
     preferred: bool
+    spectra_path: str | None = None
+    origin: Origin = Origin.ARCHIVE
+    retracted: Retraction | None = None
+    pruned_utc: datetime | None = None
+
+
+@dataclass(frozen=True, order=True)
+class StoredGroup:
+    """A group of the store that the catalogue refers to: a posterior with its checksum, or spectra without one."""
+
+    store_path: str
+    belongs_to: str
+    sha256: str | None
 
 
 @dataclass(frozen=True)
@@ -204,8 +240,8 @@ class Publication:
 class BurstQuery:
     """Which bursts, and which page of them.
 
-    The onset is in [start, stop), all of `observatories` heard it, and the preferred solution has none of
-    `flags_absent`.
+    The onset is in [start, stop), all of `observatories` heard it, the preferred solution has none of `flags_absent`,
+    the data are of one of `origins`, and it was not retracted unless `with_retracted`.
     """
 
     start: datetime | None = None
@@ -214,6 +250,8 @@ class BurstQuery:
     flags_absent: frozenset[str] = field(default_factory=frozenset)
     cursor: str | None = None
     limit: int = 100
+    origins: frozenset[Origin] = frozenset(REAL_ORIGINS)
+    with_retracted: bool = False
 
 
 @dataclass(frozen=True)
@@ -257,16 +295,51 @@ class StageRun:
 
 
 @dataclass(frozen=True)
-class Submission:
-    """An arrival table that was handed in: received, done or failed, and the burst it became."""
+class Token:
+    """Who may submit; the token itself is not kept."""
 
+    token_id: str
+    name: str
+    created_utc: datetime
+    revoked_utc: datetime | None
+
+
+@dataclass(frozen=True)
+class Submission:
+    """An arrival table that was submitted: received, done, failed or withdrawn, and the burst it became."""
+
+    submission_id: str
+    token_id: str
     sha256: str
-    file_name: str
     state: str
     message: str
     burst_id: str | None
     received_utc: datetime
     changed_utc: datetime
+
+
+@dataclass(frozen=True)
+class Webhook:
+    """A receiver of alerts: since when, with what success, and how many alerts wait for it."""
+
+    webhook_id: str
+    url: str
+    secret: str = field(repr=False)
+    with_tests: bool
+    created_utc: datetime
+    removed_utc: datetime | None
+    failures: int
+    next_attempt_utc: datetime
+    message: str
+    waiting: int = 0
+
+
+@dataclass(frozen=True)
+class Delivery:
+    """An alert that a receiver does not have yet, and how often it was refused."""
+
+    alert: Alert
+    attempts: int
 
 
 def rule_order(series: Series, answer: Answer) -> tuple[int, int, bool, bool, int, int, str]:
@@ -312,16 +385,16 @@ def by_preference(solutions: Iterable[Solution]) -> tuple[Solution, ...]:
     Returns
     -------
     tuple of Solution
-        The same, sorted.
+        The same, sorted; retracted series last.
     """
     found = sorted(solutions, key=lambda one: -one.version)
     newest: dict[tuple[str, Series], Solution] = {}
     for one in found:
         newest.setdefault((one.burst_id, one.series), one)
 
-    def _key(one: Solution) -> tuple[bool, tuple[Any, ...]]:
+    def _key(one: Solution) -> tuple[bool, bool, tuple[Any, ...]]:
         head = newest[one.burst_id, one.series]
-        return not head.preferred, rule_order(head.series, head.answer)
+        return not head.preferred, head.retracted is not None, rule_order(head.series, head.answer)
 
     return tuple(sorted(found, key=_key))
 

@@ -1,6 +1,7 @@
 """Reading solutions and what belongs to them."""
 
 from collections.abc import Iterable
+from datetime import datetime
 from typing import Any
 
 from sqlalchemy import ColumnElement, Connection, Engine, Select, and_, select
@@ -18,12 +19,16 @@ from bella.catalogue.models import (
     TrackFitRow,
     table_of,
 )
-from bella.catalogue.records import Localisation, Series, Solution, SourceFile, by_preference
+from bella.catalogue.records import Localisation, Retraction, Series, Solution, SourceFile, StoredGroup, by_preference
 from bella.exceptions import NoDataError
-from bella.records import Track
+from bella.records import Origin, Track
 
 SERIES_COLUMNS = ("edge", "method", "preset", "dimensions")
 _ANSWER = tuple(Answer.model_fields)
+_AS_STORED = (
+    *("solution_id", "burst_id", "version", "supersedes", "inputs_hash", "code_version", "store_path", "store_sha256"),
+    *("created_utc", "reference_utc", "spectra_path", "pruned_utc"),
+)
 _SOURCE = ("dataset", "day", "version", "sha256", "state", "uri")
 
 
@@ -49,17 +54,20 @@ def solution_rows(connection: Connection, *conditions: ColumnElement[bool]) -> t
         Preferred series first, newer versions first.
     """
     table, flagged = table_of(SolutionRow), table_of(SolutionFlagRow)
-    preference = table_of(PreferenceRow)
+    preference, bursts = table_of(PreferenceRow), table_of(BurstRow)
     same = [preference.c[name] == table.c[name] for name in ("burst_id", *SERIES_COLUMNS)]
-    is_preferred = select(preference.c.burst_id).where(and_(*same)).exists() & is_newest(table)
-    wanted = select(table, is_preferred.label("preferred")).where(*conditions)
-    rows = connection.execute(wanted).mappings().all()
+    stands = table.c.retracted_utc.is_(None) & bursts.c.retracted_utc.is_(None)
+    is_preferred = select(preference.c.burst_id).where(and_(*same)).exists() & is_newest(table) & stands
+    of_burst = [bursts.c[name].label(f"burst_{name}") for name in ("origin", "retracted_utc", "retracted_reason")]
+    wanted = select(table, is_preferred.label("preferred"), *of_burst)
+    rows = connection.execute(wanted.join(bursts, bursts.c.burst_id == table.c.burst_id).where(*conditions))
+    found = rows.mappings().all()
     chosen = select(table.c.solution_id).where(*conditions)
     by_flag = select(flagged).where(flagged.c.solution_id.in_(chosen)).order_by(flagged.c.position)
     flags: dict[str, list[str]] = {}
     for row in connection.execute(by_flag):
         flags.setdefault(row.solution_id, []).append(row.flag)
-    return by_preference(_solution(row, flags.get(row["solution_id"], ())) for row in rows)
+    return by_preference(_solution(row, flags.get(row["solution_id"], ())) for row in found)
 
 
 def newest(connection: Connection, burst_id: str, series: Series) -> Solution | None:
@@ -86,6 +94,13 @@ def newest(connection: Connection, burst_id: str, series: Series) -> Solution | 
     )
     found = solution_rows(connection, columns.solution_id == last.scalar_subquery())
     return found[0] if found else None
+
+
+def preferred_solution(connection: Connection, burst_id: str) -> Solution | None:
+    """The answer about a burst; None where it has none, or none that stands."""
+    table = table_of(SolutionRow)
+    found = solution_rows(connection, table.c.burst_id == burst_id, is_newest(table))
+    return next((one for one in found if one.preferred), None)
 
 
 def solution(engine: Engine, solution_id: str) -> Solution:
@@ -157,7 +172,7 @@ def sources(engine: Engine, solution_id: str) -> tuple[SourceFile, ...]:
 
 
 def referenced_paths(engine: Engine) -> frozenset[str]:
-    """Store paths the catalogue refers to: posteriors of all versions, and spectra.
+    """Store paths the catalogue refers to: posteriors of all versions, and the spectra of each.
 
     Parameters
     ----------
@@ -172,8 +187,30 @@ def referenced_paths(engine: Engine) -> frozenset[str]:
     solutions, bursts = table_of(SolutionRow).c, table_of(BurstRow).c
     with reading(engine) as connection:
         groups = connection.execute(select(solutions.store_path)).scalars().all()
-        spectra = connection.execute(select(bursts.spectra_path).where(bursts.spectra_path.is_not(None))).scalars()
+        paths = (select(column).where(column.is_not(None)) for column in (bursts.spectra_path, solutions.spectra_path))
+        spectra = [path for query in paths for path in connection.execute(query).scalars()]
         return frozenset(groups) | frozenset(spectra)
+
+
+def stored_groups(engine: Engine) -> tuple[StoredGroup, ...]:
+    """Every group the catalogue refers to, with its checksum where that is kept.
+
+    Parameters
+    ----------
+    engine : sqlalchemy.Engine
+        Engine of the catalogue.
+
+    Returns
+    -------
+    tuple of StoredGroup
+        By path.
+    """
+    columns = table_of(SolutionRow).c
+    with reading(engine) as connection:
+        rows = connection.execute(select(columns.store_path, columns.store_sha256, columns.solution_id)).all()
+    found = {path: StoredGroup(path, solution_id, sha256) for path, sha256, solution_id in rows}
+    others = referenced_paths(engine) - found.keys()
+    return tuple(sorted([*found.values(), *(StoredGroup(path, path.partition("/")[0], None) for path in others)]))
 
 
 def _existing(connection: Connection, solution_id: str) -> Solution:
@@ -191,11 +228,18 @@ def _of_solution(engine: Engine, solution_id: str, query: Select[Any]) -> Iterab
 
 def _solution(row: Any, flags: Iterable[str]) -> Solution:
     answer, series = ({name: row[name] for name in names} for names in (_ANSWER, SERIES_COLUMNS))
-    rest = {name: row[name] for name in row if name not in {*_ANSWER, *SERIES_COLUMNS, "preferred"}}
     return Solution(
         series=Series(**series),
         flags=tuple(flags),
         answer=Answer(**answer),
         preferred=bool(row["preferred"]),
-        **rest,
+        origin=Origin(row["burst_origin"]),
+        retracted=retraction_of(row["retracted_utc"], row["retracted_reason"])
+        or retraction_of(row["burst_retracted_utc"], row["burst_retracted_reason"]),
+        **{name: row[name] for name in _AS_STORED},
     )
+
+
+def retraction_of(retracted_utc: datetime | None, reason: str | None) -> Retraction | None:
+    """Retraction from its columns; None where there is none."""
+    return None if retracted_utc is None else Retraction(reason or "", retracted_utc)

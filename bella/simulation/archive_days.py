@@ -10,6 +10,7 @@ import numpy as np
 import numpy.typing as npt
 import xarray as xr
 
+from bella.archive.datasets import find_datasets
 from bella.exceptions import InputError, NoDataError
 from bella.simulation.archive_files import (
     H1_KHZ,
@@ -29,7 +30,6 @@ from bella.simulation.receiver import filled_in_frequency
 from bella.simulation.sky import Sky, draw_sky
 from bella.simulation.truth import day_truth
 from bella.spacecraft import OBSERVATORIES, fleet, position
-from bella.spectra.archive_datasets import find_datasets
 from bella.spectra.dynamic_spectrum import sample_times
 from bella.units import R_SUN_KM, FloatArray
 

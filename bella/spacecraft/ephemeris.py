@@ -8,7 +8,7 @@ A second table may go on where the first one ends (:func:`extend_with`). Where b
 so that positions of bursts that are in the catalogue stay as they are.
 """
 
-from functools import cache
+from functools import cache, lru_cache
 from importlib import resources
 from pathlib import Path
 from typing import NamedTuple
@@ -72,7 +72,6 @@ def extend_with(path: Path | None) -> None:
         Table in the form of the packaged one; it may not exist yet. None: the packaged table alone.
     """
     _extension[:] = [] if path is None else [path]
-    _continued.cache_clear()
 
 
 @cache
@@ -81,9 +80,16 @@ def _packaged() -> dict[str, _Trajectory]:
         return _trajectories(path)
 
 
-@cache
 def _continued() -> dict[str, _Trajectory]:
-    return _trajectories(_extension[0]) if _extension and _extension[0].is_file() else {}
+    """Trajectories after the end of the packaged table; read again where the file was replaced."""
+    if not _extension or not _extension[0].is_file():
+        return {}
+    return _as_written(_extension[0], _extension[0].stat().st_mtime_ns)
+
+
+@lru_cache(1)
+def _as_written(path: Path, _changed_ns: int) -> dict[str, _Trajectory]:
+    return _trajectories(path)
 
 
 def _trajectories(path: Path) -> dict[str, _Trajectory]:

@@ -5,11 +5,8 @@ vectors from the centre of the Sun in the ecliptic of J2000, in km, as comma-sep
 ``$$EOE``. Their times are TDB.
 """
 
-import http.client
 import re
-import urllib.error
 import urllib.parse
-import urllib.request
 
 import numpy as np
 import numpy.typing as npt
@@ -112,15 +109,21 @@ def fetch_orbit(url: str, body: str, start: np.datetime64, stop: np.datetime64) 
 def _answer(url: str, query: dict[str, str]) -> str:
     if urllib.parse.urlsplit(url).scheme not in {"http", "https"}:
         raise InputError(f"{url!r} is no address of a service: set BELLA_HORIZONS_URL to one that begins with https://")
-    request = f"{url}?{urllib.parse.urlencode(query)}"
+    import httpx  # noqa: PLC0415 - wanted here only, and positions are asked for by every command
+
+    content = bytearray()
     try:
-        with urllib.request.urlopen(request, timeout=TIMEOUT_S) as response:  # noqa: S310 - the scheme is checked above
-            content: bytes = response.read(LARGEST_ANSWER)
-    except urllib.error.HTTPError as error:
-        raise UnreachableError(f"Horizons refused the query with status {error.code}: try again later") from error
-    except (OSError, http.client.HTTPException) as error:
-        reason = getattr(error, "reason", error)
-        raise UnreachableError(f"no answer from {url} ({reason}): check the network, or try again later") from error
+        with httpx.stream("GET", url, params=query, timeout=TIMEOUT_S, follow_redirects=True) as response:
+            if response.status_code != httpx.codes.OK:
+                raise UnreachableError(
+                    f"Horizons refused the query with status {response.status_code}: try again later"
+                )
+            for piece in response.iter_bytes():
+                content += piece
+                if len(content) > LARGEST_ANSWER:
+                    raise UnreachableError(f"the answer of {url} has no end: try again later")
+    except (httpx.HTTPError, httpx.InvalidURL) as error:
+        raise UnreachableError(f"no answer from {url} ({error}): check the network, or try again later") from error
     return content.decode("utf-8", errors="replace")
 
 

@@ -168,7 +168,9 @@ def placed_groups(root: Path) -> Iterator[str]:
             yield (Path(folder) / name).relative_to(root).as_posix()
 
 
-def sweep(root: Path, referenced: Collection[str], older_than_s: float) -> list[str]:
+def sweep(
+    root: Path, referenced: Collection[str], older_than_s: float, in_use: Collection[str] = frozenset()
+) -> list[str]:
     """Remove what writers that were killed left behind.
 
     Parameters
@@ -179,6 +181,9 @@ def sweep(root: Path, referenced: Collection[str], older_than_s: float) -> list[
         Store paths the catalogue refers to; these are never removed. Read them before calling.
     older_than_s : float
         Groups in which anything changed within this time belong to a writer that may be alive, s.
+    in_use : collection of str
+        Folders below the root, such as burst ids, that live writers work on: what is placed there stays, whatever its
+        age. Read them before calling.
 
     Returns
     -------
@@ -188,7 +193,8 @@ def sweep(root: Path, referenced: Collection[str], older_than_s: float) -> list[
     root = root.resolve()
     now = time.time()
     staged = [f"{STAGING}/{path.name}" for path in sorted((root / STAGING).glob("*"))]
-    orphans = [path for path in placed_groups(root) if path not in referenced]
+    placed = (path for path in placed_groups(root) if path.partition("/")[0] not in in_use)
+    orphans = [path for path in placed if path not in referenced]
     removed = [path for path in (*staged, *orphans) if _remove(root, path, now, older_than_s)]
     if removed:
         log.info("store swept", removed=removed)

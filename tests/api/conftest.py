@@ -42,6 +42,13 @@ def empty(tmp_path: Path) -> Settings:
 
 
 @pytest.fixture
+def token(empty: Settings) -> str:
+    """Token of Ann for the empty home folder."""
+    with Catalogue.open(empty.catalogue_url) as catalogue:
+        return catalogue.create_token("Ann")[1]
+
+
+@pytest.fixture
 def settings_of_old(tmp_path: Path) -> Settings:
     """Home folder with a solution that was published before there was a joint fit."""
     settings = settings_of(tmp_path / "home")

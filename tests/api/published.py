@@ -34,7 +34,7 @@ ONSET = datetime(2012, 6, 7, 19, 29, 15, tzinfo=UTC)
 CHANNELS = FREQUENCIES_MHZ[::5]
 
 
-def settings_of(home: Path, **more: int) -> Settings:
+def settings_of(home: Path, **more: Any) -> Settings:
     """Settings of a home folder, whatever the environment says."""
     return Settings(home=home, database_url=None, **more)
 

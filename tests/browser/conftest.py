@@ -8,12 +8,12 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from flows.day_figure import draw_day
 from playwright.sync_api import Browser, Page, sync_playwright
 
 from bella.catalogue import Catalogue, SearchedDay, Solution
 from bella.plotting import write_density_png, write_polar_fit_png
 from bella.settings import FIT_FIGURES, Settings
-from flows.day_figure import draw_day
 from tests.api.published import ONSET, publish_event, publish_many, served, settings_of
 from tests.catalogue.test_detections import heard
 from tests.plotting.synthetic import (

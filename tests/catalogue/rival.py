@@ -2,12 +2,12 @@
 
 import json
 import sys
-from datetime import UTC, datetime
+from datetime import UTC, date, datetime
 from typing import Any
 
 import structlog
 
-from bella.catalogue import Catalogue
+from bella.catalogue import Catalogue, submission_name
 from bella.catalogue.leases import acquire
 from bella.exceptions import BellaError
 from tests.catalogue.examples import publication
@@ -30,7 +30,7 @@ def publish(url: str, hashes: list[str]) -> list[str]:
 
 def submit(url: str, sha256: str) -> str:
     with Catalogue.open(url) as catalogue:
-        return catalogue.submit(sha256, "arrivals.csv").state
+        return catalogue.submit("ann", sha256, submission_name(date(2012, 6, 7))).state
 
 
 def _unique_path() -> str:

@@ -25,7 +25,7 @@ def execute(database_url: str, statement: str) -> None:
 def test_a_new_catalogue_is_empty_and_at_the_newest_revision(database_url: str) -> None:
     with Catalogue.open(database_url, create=True) as catalogue:
         catalogue.ping()
-        assert catalogue.revision() == "0003"
+        assert catalogue.revision() == "0006"
         assert catalogue.bursts(BurstQuery()).bursts == ()
 
 
@@ -87,7 +87,7 @@ def test_a_newer_catalogue_is_refused(catalogue: Catalogue, catalogue_url: str, 
     execute(catalogue_url, f"UPDATE {REVISION_TABLE} SET version_num = '9999'")
     with pytest.raises(StoreError, match=r"newer version \(revision 9999\): upgrade the package or restore"):
         Catalogue.open(catalogue_url, create=create)
-    execute(catalogue_url, f"UPDATE {REVISION_TABLE} SET version_num = '0003'")
+    execute(catalogue_url, f"UPDATE {REVISION_TABLE} SET version_num = '0006'")
     Catalogue.open(catalogue_url).close()
 
 
@@ -240,11 +240,11 @@ def test_an_installation_without_migrations_says_so(sqlite_url: str, monkeypatch
 def test_opening_twice_in_a_process_keeps_its_locks(sqlite_url: str, tmp_path: Path) -> None:
     """A handle closed on the file would drop them; another process would then take away a log that is in use."""
     with Catalogue.open(sqlite_url, create=True) as first:
-        first.submit("0" * 64, "first.csv")
+        first.submit("ann", "0" * 64, "S-1")
         Catalogue.open(sqlite_url).close()
         code = f"from bella.catalogue import Catalogue; Catalogue.open({sqlite_url!r}).close()"
         subprocess.run([sys.executable, "-c", code], check=True)
         assert (tmp_path / "catalogue.sqlite-wal").exists()
-        first.submit("1" * 64, "second.csv")
+        first.submit("ann", "1" * 64, "S-2")
     with Catalogue.open(sqlite_url) as again:
-        assert [one.file_name for one in again.pending_submissions()] == ["first.csv", "second.csv"]
+        assert [one.sha256 for one in again.pending_submissions()] == ["0" * 64, "1" * 64]

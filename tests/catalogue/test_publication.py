@@ -166,15 +166,6 @@ def test_inputs_are_shared_by_solutions_and_their_state_follows(catalogue: Catal
     assert counts(catalogue)["source_file"] == 2
 
 
-def test_a_table_that_was_handed_in_keeps_its_row(catalogue: Catalogue) -> None:
-    received = catalogue.submit("ee" * 32, "ee.csv")
-    table = SourceFile("arrival_table", START.date(), "7", "ee" * 32, "done", "elsewhere.csv")
-    solution = catalogue.publish(publication(sources=(table,)))
-    (source,) = catalogue.sources(solution.solution_id)
-    assert (source.sha256, source.uri, source.state) == ("ee" * 32, "ee.csv", "received")
-    assert catalogue.pending_submissions() == (received,)
-
-
 def refused() -> list[tuple[Publication, str]]:
     return [
         (publication(of=burst("T3/../1929")), "cannot be part of a solution id"),

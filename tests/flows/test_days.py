@@ -8,10 +8,10 @@ from typing import Any
 
 import pandas as pd
 import pytest
+from flows.day_figure import detection_frame, draw_day, redraw_day
 
 from bella.catalogue import Catalogue
 from bella.settings import Settings
-from flows.day_figure import detection_frame, draw_day, redraw_day
 from flows.days import DayFiles, known_burst_ids
 from tests.catalogue.examples import publication
 from tests.catalogue.test_detections import heard as detection

@@ -10,12 +10,12 @@ import pytest
 from bella.arrivals import locate_receivers
 from bella.catalogue import Series
 from bella.multilateration import localise
+from bella.pipeline.inputs import BurstInput
+from bella.pipeline.surroundings import surroundings_of
+from bella.pipeline.tracks import Timing, fitted_track
 from bella.settings import Settings
 from bella.simulation.archive_days import simulate_days
 from flows.days import DayFiles, HeardDay, hear, place_burst
-from flows.inputs import BurstInput
-from flows.solar_wind import surroundings_of
-from flows.tracks import Timing, fitted_track
 
 DAY, SEED = date(2012, 6, 5), 1
 PHI0_DEG = -79.2

@@ -266,7 +266,7 @@ def test_catalogue_and_status_tell_of_the_run(first_run: FirstRun) -> None:
 
 COMPLAINT = """
 from bella.settings import Settings
-from flows.environment import prepare
+from bella.pipeline.environment import prepare
 
 prepare(Settings())
 import logging

@@ -17,13 +17,13 @@ from bella.arrivals import locate_receivers
 from bella.bursts import EVENT, half_maximum_arrivals
 from bella.catalogue import Catalogue, Series, Solution
 from bella.multilateration import localise
+from bella.pipeline.inputs import load_burst
+from bella.pipeline.publication import Draft, inputs_hash, publish
+from bella.pipeline.surroundings import day_digest, draw_wind, has_wind, surroundings_of
+from bella.pipeline.tracks import Timing, fitted_track
 from bella.records import MeasuredWind
 from bella.settings import Settings
 from flows.days import DayFiles, with_surroundings
-from flows.inputs import load_burst
-from flows.publication import Draft, inputs_hash, publish
-from flows.solar_wind import day_digest, draw_wind, has_wind, surroundings_of
-from flows.tracks import Timing, fitted_track
 from tests.commands import BELLA, Sandbox
 from tests.solar_wind.in_situ import lists_of
 from tests.solar_wind.test_context import HOLES, SUMMARY

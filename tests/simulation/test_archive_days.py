@@ -11,6 +11,7 @@ import pytest
 import xarray as xr
 from typer.testing import CliRunner
 
+from bella.archive import fetch_days, find_datasets, open_archive
 from bella.cli import app
 from bella.exceptions import InputError
 from bella.simulation import SimulatedBurst
@@ -21,7 +22,6 @@ from bella.simulation.instruments import WRITABLE, instruments
 from bella.simulation.nuisances import CalibrationColumn, JovianArc, TypeTwoLane
 from bella.simulation.sky import Conditions, Gain, Sky
 from bella.spectra import open_spectra, relative_power, sample_times
-from bella.spectra.archive import fetch_days, find_datasets, open_archive
 from bella.spectra.background import over_background
 
 DAY = date(2013, 6, 7)

@@ -1,8 +1,7 @@
 """Where an archive is: behind HTTP, or in a folder; both give the same replies.
 
-Own code on top of :mod:`urllib`, because what there is for this cannot tell an empty archive from a broken one: sunpy's
-Scraper answers 404, 500, 503 and a maintenance page alike, with an empty list; parfive throws away what came before a
-cut, and puts a file together wrongly when a server does not honour ranges.
+HTTP itself is httpx; what an answer means is decided here, because "there is no such file" and "the archive is silent"
+must stay apart: sunpy's Scraper answers 404, 500, 503 and a maintenance page alike, with an empty list.
 """
 
 import os
@@ -10,17 +9,16 @@ import re
 import time
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import AbstractContextManager, contextmanager, suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from html.parser import HTMLParser
-from http.client import HTTPException, HTTPResponse
 from pathlib import Path
 from typing import BinaryIO, Protocol
-from urllib.error import HTTPError
 from urllib.parse import quote, unquote, urlsplit
-from urllib.request import Request, urlopen
 
+import httpx
+
+from bella.archive.manners import TryAgainError
 from bella.exceptions import InputError, UnreachableError
-from bella.spectra.archive_manners import TryAgainError
 
 ANSWERS = frozenset({304, 404, 410, 416})
 RETRIABLE = frozenset({408, 425, 429, 500, 502, 503, 504})
@@ -72,6 +70,15 @@ class HttpSource:
 
     root: str
     timeout_s: float
+    _client: httpx.Client = field(init=False, repr=False, compare=False)
+
+    def __post_init__(self) -> None:
+        """One connection, which is kept: an archive is asked one thing at a time."""
+        limits = httpx.Limits(max_connections=1, max_keepalive_connections=1)
+        # identity: the length of a body is then that of the file
+        headers = {"User-Agent": USER_AGENT, "Accept-Encoding": "identity"}
+        client = httpx.Client(timeout=self.timeout_s, limits=limits, headers=headers, follow_redirects=True)
+        object.__setattr__(self, "_client", client)
 
     def names(self, folder: str) -> frozenset[str] | None:
         """Names in a folder.
@@ -123,25 +130,25 @@ class HttpSource:
             If the archive did not answer, or with an error; :class:`TryAgainError` where it may soon do better.
         """
         url = f"{self.root}/{quote(path)}"
-        with self._opened(url, headers) as response:
-            fields = {name.lower(): value for name, value in response.headers.items()}
-            status = response.status or 0
-            yield Reply(status, fields, _reader(response, url, fields.get("content-length")))
-
-    def _opened(self, url: str, headers: Mapping[str, str]) -> "HTTPResponse | HTTPError":
-        request = Request(url, headers={"User-Agent": USER_AGENT, **headers})  # noqa: S310 - open_source let HTTP pass only
+        response = self._opened(url, headers)
         try:
-            response: HTTPResponse = urlopen(request, timeout=self.timeout_s)  # noqa: S310
-        except HTTPError as error:
-            if error.code in ANSWERS:
-                return error
-            error.close()
-            if error.code in RETRIABLE:
-                raise TryAgainError(f"{url} answered {error.code} {error.reason}", _asked_wait_s(error)) from error
-            raise UnreachableError(f"{url} answered {error.code} {error.reason}; is the archive right?") from error
-        except (OSError, HTTPException, UnicodeError) as error:
-            raise TryAgainError(f"{url} did not answer: {getattr(error, 'reason', error)}") from error
-        return response
+            fields = {name.lower(): value for name, value in response.headers.items()}
+            yield Reply(response.status_code, fields, _reader(response, url, fields.get("content-length")))
+        finally:
+            response.close()
+
+    def _opened(self, url: str, headers: Mapping[str, str]) -> httpx.Response:
+        try:
+            response = self._client.send(self._client.build_request("GET", url, headers=dict(headers)), stream=True)
+        except (httpx.HTTPError, httpx.InvalidURL) as error:
+            raise TryAgainError(f"{url} did not answer: {error}") from error
+        if response.status_code in {200, 206, *ANSWERS}:
+            return response
+        response.close()
+        said = f"{url} answered {response.status_code} {response.reason_phrase}"
+        if response.status_code in RETRIABLE:
+            raise TryAgainError(said, _asked_wait_s(response))
+        raise UnreachableError(f"{said}; is the archive right?")
 
 
 @dataclass(frozen=True)
@@ -211,22 +218,24 @@ def open_source(root: str, timeout_s: float) -> Source:
     raise InputError(f"archive {root!r} is neither an http(s) URL nor a folder that exists; correct --archive")
 
 
-def _reader(response: "HTTPResponse | HTTPError", url: str, length: str | None) -> Callable[[int], bytes]:
+def _reader(response: httpx.Response, url: str, length: str | None) -> Callable[[int], bytes]:
     """Read so that a body that ends early, stalls or dribbles is an error."""
     left = int(length) if length and length.isdigit() else None
     end = time.monotonic() + LONGEST_REQUEST_S
-    one = getattr(response, "read1", response.read)
+    pieces = response.iter_raw()
 
-    def _read(size: int) -> bytes:
+    def _read(_size: int) -> bytes:
         nonlocal left
+        reason = ""
         try:
-            piece: bytes = one(size)
-        except (OSError, HTTPException) as error:
-            raise TryAgainError(f"{url} broke off: {error}") from error
+            piece = next(pieces, b"")
+        except httpx.HTTPError as error:
+            piece, reason = b"", f": {error}"
         if left is not None:
             left -= len(piece)
-        if time.monotonic() > end or (not piece and left):
-            raise TryAgainError(f"{url} broke off" + (f", {left} bytes are missing" if left else ""))
+        if reason or time.monotonic() > end or (not piece and left):
+            missing = f", {left} bytes are missing" if left else ""
+            raise TryAgainError(f"{url} broke off{missing}{reason}")
         return piece
 
     return _read
@@ -242,8 +251,8 @@ def _folder_reader(stream: BinaryIO, path: Path) -> Callable[[int], bytes]:
     return _read
 
 
-def _asked_wait_s(error: HTTPError) -> float:
-    wait = error.headers.get("Retry-After", "")
+def _asked_wait_s(response: httpx.Response) -> float:
+    wait = response.headers.get("Retry-After", "")
     return float(wait) if wait.isdigit() else 0.0
 
 

@@ -1,6 +1,7 @@
-"""What the service takes from the archive: names, folders, cadences and delays of its data sets.
+"""What the service takes from archives: names, folders, cadences and delays of data sets.
 
-Names and folders are those of NASA's Space Physics Data Facility (SPDF). Where the day of the first file is not known,
+Names and folders are those of NASA's Space Physics Data Facility (SPDF); region summaries are those of NOAA's National
+Centers for Environmental Information. Where the day of the first file is not known,
 the row begins with the launch: asking for a day without a file is harmless, refusing a day that has one is not.
 """
 
@@ -8,6 +9,7 @@ import re
 from collections.abc import Iterable
 from dataclasses import dataclass
 from datetime import date, timedelta
+from typing import Literal
 
 from bella.exceptions import InputError
 
@@ -19,7 +21,7 @@ SOLO_FLUX = date(2020, 6, 15)
 
 @dataclass(frozen=True)
 class Dataset:
-    """A data set of the archive, one file per day.
+    """A data set of an archive: one file per day, month or year.
 
     Attributes
     ----------
@@ -28,9 +30,11 @@ class Dataset:
     observatories : tuple of str
         Spacecraft that its files hold.
     name : str
-        File name with ``{date}`` (YYYYMMDD) and ``{version}``; upper and lower case are one.
+        File name with ``{date}`` (YYYYMMDD) or ``{year}``, and ``{version}`` where files have one; upper and lower
+        case are one.
     directories : tuple of str
-        Folders below the root of the archive, with ``{year}``; more than one where the archive changed its mind.
+        Folders below the root of the archive, with ``{year}`` and ``{month}``; more than one where the archive changed
+        its mind.
     cadence_s : float
         Usual time between two spectra, s. Receivers change their mode: never take it for the time step of a file.
     latency_d : int
@@ -39,6 +43,11 @@ class Dataset:
         Days of the first and the last file; None where the data set goes on.
     is_civil_day : bool
         False where a file does not run from midnight to midnight, so that a day needs its neighbours too.
+    period : str
+        What a file holds: a ``day``, a ``month`` (then ``{date}`` is its first day) or a ``year``. Files of months and
+        years grow under one name.
+    kind : str
+        ``spectra``, ``in_situ`` (hourly speeds of the wind) or ``regions`` (of the Sun).
     """
 
     key: str
@@ -50,10 +59,12 @@ class Dataset:
     first: date
     last: date | None = None
     is_civil_day: bool = True
+    period: Literal["day", "month", "year"] = "day"
+    kind: Literal["spectra", "in_situ", "regions"] = "spectra"
 
     def folders(self, day: date) -> tuple[str, ...]:
         """Folders that may hold the file of a day, relative to the root of the archive, without a slash at the end."""
-        return tuple(directory.format(year=day.year) for directory in self.directories)
+        return tuple(directory.format(year=day.year, month=f"{day:%m}") for directory in self.directories)
 
     def version(self, name: str, day: date) -> tuple[int, ...] | None:
         """Version of a file of a day.
@@ -68,12 +79,14 @@ class Dataset:
         Returns
         -------
         tuple of int or None
-            Such as (2,) for ``_v02``; None if the name is not that of a file of this day.
+            Such as (2,) for ``_v02``, (0,) where names have no version; None if the name is not that of a file of this
+            day.
         """
-        before, after = self.name.format(date=f"{day:%Y%m%d}", version="\0").split("\0")
-        pattern = rf"{re.escape(before)}(\d{{1,6}}(?:\.\d{{1,6}}){{0,3}}){re.escape(after)}"
-        found = re.fullmatch(pattern, name, flags=re.IGNORECASE | re.ASCII)
-        return tuple(int(part) for part in found[1].split(".")) if found else None
+        first = day.replace(day=1) if self.period == "month" else day
+        before, *after = self.name.format(date=f"{first:%Y%m%d}", year=day.year, version="\0").split("\0")
+        number = rf"(\d{{1,6}}(?:\.\d{{1,6}}){{0,3}}){re.escape(after[0])}" if after else "()"
+        found = re.fullmatch(re.escape(before) + number, name, flags=re.IGNORECASE | re.ASCII)
+        return tuple(int(part or 0) for part in found[1].split(".")) if found else None
 
     def covers(self, day: date) -> bool:
         """Whether the data set has this day, or will have it."""
@@ -179,7 +192,56 @@ DATASETS = (
     _solo("l3", "hfr-surv-flux", SOLO_FLUX, 92, 17.0),
     _solo("l3", "tnr-surv-flux", SOLO_FLUX, 92, 17.0),
 )
-"""Every data set the service can fetch."""
+"""Every data set of spectra that the service can fetch."""
+
+
+def _hourly(mission: str, observatory: str, directories: tuple[str, ...], latency_d: int, first: date) -> Dataset:
+    """Hourly means of field and plasma, as COHOWeb merges them: one CDF file per month."""
+    key = f"{mission}_COHO1HR_MERGED_MAG_PLASMA"
+    name = f"{key.lower()}_{{date}}_v{{version}}.cdf"
+    return Dataset(key, (observatory,), name, directories, 3600.0, latency_d, first, period="month", kind="in_situ")
+
+
+COMPANIONS = (
+    Dataset(
+        "OMNI2_HOURLY",
+        ("WIND",),
+        "omni2_{year}.dat",
+        ("pub/data/omni/low_res_omni",),
+        3600.0,
+        10,  # preliminary hours come about weekly
+        WIND,
+        period="year",
+        kind="in_situ",
+    ),
+    # folder of PSP seen in public code; those of the others follow it, and are not verified
+    _hourly("PSP", "PSP", ("pub/data/psp/coho1hr_magplasma/cdf/{year}",), 125, PSP),
+    _hourly(
+        "STA",
+        "STEREO-A",
+        ("pub/data/stereo/ahead/coho1hr_magplasma/cdf/{year}", "pub/data/stereo/ahead/coho1hr_magplasma/{year}"),
+        60,
+        STEREO,
+    ),
+    _hourly(
+        "SOLO",
+        "SOLO",
+        ("pub/data/solar-orbiter/coho1hr_magplasma/cdf/{year}", "pub/data/solar-orbiter/coho1hr_magplasma/{year}"),
+        120,
+        SOLO,
+    ),
+    Dataset(
+        "NOAA_SRS",
+        (),
+        "{date}SRS.txt",
+        ("stp/space-weather/swpc-products/daily_reports/solar_region_summaries/{year}/{month}",),
+        86_400.0,
+        1,
+        date(1996, 1, 2),
+        kind="regions",
+    ),
+)
+"""What stands beside a track: hourly speeds of the solar wind, and NOAA's summaries of active regions."""
 
 
 def find_datasets(keys: Iterable[str]) -> tuple[Dataset, ...]:
@@ -188,7 +250,7 @@ def find_datasets(keys: Iterable[str]) -> tuple[Dataset, ...]:
     Parameters
     ----------
     keys : iterable of str
-        Keys, upper or lower case; none for all data sets.
+        Keys, upper or lower case; none for all data sets of spectra.
 
     Returns
     -------
@@ -200,7 +262,7 @@ def find_datasets(keys: Iterable[str]) -> tuple[Dataset, ...]:
     InputError
         If there is no such data set.
     """
-    known = {dataset.key: dataset for dataset in DATASETS}
+    known = {dataset.key: dataset for dataset in (*DATASETS, *COMPANIONS)}
     wanted = list(dict.fromkeys(key.strip().upper() for key in keys))
     unknown = [key for key in wanted if key not in known]
     if unknown:

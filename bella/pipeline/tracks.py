@@ -12,6 +12,8 @@ from bella.catalogue import Series
 from bella.exceptions import GeometryError, InputError, NoDataError
 from bella.flags import NOT_COMPUTED
 from bella.multilateration.priors import apply_sigma_rule, find_preset
+from bella.pipeline.directions import directed, known_wind
+from bella.pipeline.surroundings import Surroundings, footpoint_of, wind_of
 from bella.settings import Settings
 from bella.tracks import TrackFit, fit_track, track_record, with_joint_draws
 from bella.tracks.compare import fused_companion, models_companion
@@ -21,8 +23,6 @@ from bella.tracks.scattering import density_companion, scattering_companion
 from bella.tracks.semp import semp_companion
 from bella.tracks.spiral import piecewise_fit, track_fit
 from bella.tracks.triangulation import FLOOR_DEG, triangulation_companion
-from flows.directions import directed, known_wind
-from flows.solar_wind import Surroundings, footpoint_of, wind_of
 
 TRACK_RECIPE = {
     "model": TrackModel().name,

@@ -4,8 +4,8 @@ from datetime import date, timedelta
 
 import pytest
 
+from bella.archive import DATASETS, Dataset, find_datasets
 from bella.exceptions import InputError
-from bella.spectra.archive import DATASETS, Dataset, find_datasets
 
 SEEN = {
     "WI_H1_WAV": "pub/data/wind/waves/wav_h1/2020/wi_h1_wav_20200711_v01.cdf",

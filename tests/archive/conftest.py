@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from tests.spectra.archive_server import Clock, Server
+from tests.archive.server import Clock, Server
 
 
 @pytest.fixture

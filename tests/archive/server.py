@@ -19,8 +19,8 @@ from urllib.parse import unquote
 
 import numpy as np
 
-from bella.spectra.archive import Archive, Dataset, Manners, find_datasets
-from bella.spectra.archive_sources import open_source
+from bella.archive import Archive, Dataset, Manners, find_datasets
+from bella.archive.sources import open_source
 
 DAY = date(2012, 6, 7)
 (H1, L2, STEREO, L3) = find_datasets(["WI_H1_WAV", "WI_L2_WAV_RAD1", "STEREO_LEVEL2_SWAVES", "STA_L3_WAV_HFR"])
@@ -128,7 +128,7 @@ class Handler(BaseHTTPRequestHandler):
 
     def answer(self, status: int, body: bytes = b"", **headers: str) -> None:
         self.send_response(status)
-        for name, value in ({"Content-Length": str(len(body))} | headers).items():
+        for name, value in ({"Content_Length": str(len(body))} | headers).items():
             self.send_header(name.replace("_", "-"), value)
         self.end_headers()
         self.wfile.write(body)

@@ -8,9 +8,9 @@ from pathlib import Path
 
 import pytest
 
+from bella.archive import fetch_days, open_archive, versions
 from bella.exceptions import InputError, UnreachableError
-from bella.spectra.archive import fetch_days, open_archive, versions
-from tests.spectra.archive_server import (
+from tests.archive.server import (
     DAY,
     H1,
     L2,
@@ -193,7 +193,7 @@ def test_an_archive_that_says_nothing_is_given_up(server: Server, clock: Clock) 
 def test_an_archive_that_dribbles_is_given_up(
     server: Server, clock: Clock, mirror: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("bella.spectra.archive_sources.LONGEST_REQUEST_S", 0.5)
+    monkeypatch.setattr("bella.archive.sources.LONGEST_REQUEST_S", 0.5)
     path = server.put(path_of(H1), cdf())
     server.faults[path] = [dribble]
     assert visit(server, clock).fetch(H1, DAY, mirror).state == "fetched"

@@ -7,32 +7,21 @@ next run asks again.
 
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
-from datetime import date
+from datetime import UTC, date, datetime
 from pathlib import Path
 from typing import Literal
 
+from bella.archive.datasets import Dataset
+from bella.archive.download import MirrorFile, Times, download, is_due_again
+from bella.archive.manners import Manners
+from bella.archive.sources import FolderSource, Source, open_source
 from bella.exceptions import UnreachableError
-from bella.spectra.archive_datasets import DATASETS, Dataset, find_datasets
-from bella.spectra.archive_download import FileVersion, MirrorFile, download, versions
-from bella.spectra.archive_manners import Manners
-from bella.spectra.archive_sources import FolderSource, Source, open_source
-
-__all__ = [
-    "DATASETS",
-    "Archive",
-    "Dataset",
-    "DayFiles",
-    "DayInMirror",
-    "FileVersion",
-    "Manners",
-    "MirrorFile",
-    "fetch_days",
-    "find_datasets",
-    "open_archive",
-    "versions",
-]
 
 DayState = Literal["fetched", "unchanged", "replaced", "no_file_yet", "not_covered", "unreachable"]
+
+
+class NoFolderError(UnreachableError):
+    """The archive answers, and has none of the folders of a data set."""
 
 
 @dataclass(frozen=True)
@@ -69,7 +58,7 @@ class DayInMirror:
         ``fetched``, ``unchanged`` or ``replaced``: the files are in the mirror. ``no_file_yet``: the archive has none.
         ``not_covered``: the data set has ended, or begins later. ``unreachable``: not known, ask again.
     files : tuple of MirrorFile
-        Files in the mirror, that of the day first.
+        Files in the mirror, that of the day first; none from :meth:`Archive.renew` where nothing had to be asked.
     due : datetime.date or None
         Day when the file usually is there.
     complete : bool
@@ -96,11 +85,15 @@ class Archive:
         Where it is.
     manners : Manners
         Pace and patience.
+    now : datetime.datetime, optional
+        What records give as the time of this run; the time of day of this machine when not given.
     """
 
-    def __init__(self, source: Source, manners: Manners) -> None:
+    def __init__(self, source: Source, manners: Manners, now: datetime | None = None) -> None:
         self._source = source
         self._manners = manners
+        self._now = now
+        self._listed_at: dict[str, datetime] = {}
         self._listed: dict[str, frozenset[str] | UnreachableError | None] = {}
         self._fetched: dict[str, MirrorFile] = {}
 
@@ -165,9 +158,47 @@ class Archive:
         state: DayState = "replaced" if "replaced" in states else "fetched" if "fetched" in states else "unchanged"
         return DayInMirror(dataset, day, state, files, found.due, found.complete)
 
+    def renew(self, dataset: Dataset, day: date, mirror: Path) -> DayInMirror:
+        """Bring the file of a day into a mirror where it is new, has another version, or is due to be asked for again.
+
+        Only the listing of its folder is asked for where the file is there already. Files of neighbouring days are
+        those of other calls.
+
+        Parameters
+        ----------
+        dataset : Dataset
+            The data set.
+        day : datetime.date
+            The day, UTC.
+        mirror : pathlib.Path
+            Folder of the mirror.
+
+        Returns
+        -------
+        DayInMirror
+            Never in state ``unreachable``.
+
+        Raises
+        ------
+        UnreachableError, InputError
+            As :meth:`fetch`.
+        """
+        if not dataset.covers(day):
+            return DayInMirror(dataset, day, "not_covered")
+        path, due = self._newest(dataset, day), dataset.due(day)
+        if path is None:
+            return DayInMirror(dataset, day, "no_file_yet", due=due)
+        grows = dataset.period != "day"  # and so it is asked for in every round
+        if not grows and not is_due_again(mirror / path, self._now or datetime.now(UTC)):
+            return DayInMirror(dataset, day, "unchanged", due=due)
+        file = self._download(path, mirror)
+        return DayInMirror(dataset, day, file.state, (file,), due)
+
     def _download(self, path: str, mirror: Path) -> MirrorFile:
         if path not in self._fetched:
-            self._fetched[path] = download(self._source, self._manners, path, mirror)
+            now = self._now or datetime.now(UTC)
+            times = Times(now, self._listed_at.get(path.rpartition("/")[0], now))
+            self._fetched[path] = download(self._source, self._manners, path, mirror, times)
         return self._fetched[path]
 
     def _newest(self, dataset: Dataset, day: date) -> str | None:
@@ -181,20 +212,23 @@ class Archive:
                 if version is not None:
                     found.append((version, f"{folder}/{name}"))
         if all(names is None for names in listings.values()) and not any(map(self._lacks_year, folders)):
-            raise UnreachableError(f"the archive has no folder {folders[0]}: it was moved, or --archive is wrong")
+            raise NoFolderError(f"the archive has no folder {folders[0]}: it was moved, or --archive is wrong")
         return max(found, key=lambda one: one[0])[1] if found else None
 
     def _lacks_year(self, folder: str) -> bool:
-        """Whether the folder above is there and does not have this one: the year has not begun in the archive."""
-        above, _, year = folder.rpartition("/")
+        """Whether a folder above is there and does not have this one: year or month have not begun in the archive."""
+        above, _, own = folder.rpartition("/")
         names = self._names(above)
-        return names is not None and year not in names
+        if names is None:
+            return above.rpartition("/")[2].isdigit() and self._lacks_year(above)
+        return own not in names
 
     def _names(self, folder: str) -> frozenset[str] | None:
         """Names in a folder; a failure is raised again for the rest of this run, not taken for an empty folder."""
         if folder not in self._listed:
             try:
                 self._listed[folder] = self._manners.persist(lambda: self._source.names(folder))
+                self._listed_at[folder] = self._now or datetime.now(UTC)
             except UnreachableError as error:
                 self._listed[folder] = error
         known = self._listed[folder]
@@ -203,7 +237,9 @@ class Archive:
         return known
 
 
-def open_archive(root: str, *, timeout_s: float = 30.0, interval_s: float = 1.0) -> Archive:
+def open_archive(
+    root: str, *, timeout_s: float = 30.0, interval_s: float = 1.0, now: datetime | None = None
+) -> Archive:
     """Open an archive; nothing is asked yet.
 
     Parameters
@@ -214,6 +250,8 @@ def open_archive(root: str, *, timeout_s: float = 30.0, interval_s: float = 1.0)
         Longest silence of the archive, s.
     interval_s : float, optional
         Least time between two requests to an archive behind HTTP, s.
+    now : datetime.datetime, optional
+        What records give as the time of this run.
 
     Returns
     -------
@@ -226,7 +264,7 @@ def open_archive(root: str, *, timeout_s: float = 30.0, interval_s: float = 1.0)
         If the root is neither a URL nor a folder.
     """
     source = open_source(root, timeout_s)
-    return Archive(source, Manners(0.0 if isinstance(source, FolderSource) else interval_s))
+    return Archive(source, Manners(0.0 if isinstance(source, FolderSource) else interval_s), now)
 
 
 def fetch_days(

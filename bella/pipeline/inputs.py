@@ -1,7 +1,7 @@
 """What a run starts from: the built-in burst, or an arrival table that was handed in."""
 
 import hashlib
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from datetime import UTC, date, datetime
 from importlib import resources
@@ -13,7 +13,7 @@ import pandas as pd
 import xarray as xr
 
 from bella.arrivals import read_arrivals
-from bella.bursts.association import burst_id, onset
+from bella.bursts.association import onset
 from bella.bursts.event import (
     EVENT,
     PUBLISHED_TRACK,
@@ -26,6 +26,7 @@ from bella.bursts.event import (
 from bella.bursts.timing import HALF_RISE, SHARED, channel_arrivals
 from bella.catalogue import Burst, SourceFile
 from bella.exceptions import InputError
+from bella.records import Origin
 from bella.spectra import event_spectra
 
 SUBMISSIONS = "arrival_table"
@@ -53,6 +54,8 @@ class BurstInput:
         where there is none, that is done from `arrivals`.
     directions : DataFrame or None
         Wave directions, where the spectra carry them.
+    origin : Origin
+        Where its data come from.
     """
 
     burst: Burst
@@ -63,10 +66,27 @@ class BurstInput:
     published_track: Mapping[str, Any] = field(default_factory=dict)
     channel_arrivals: Mapping[str, pd.DataFrame] = field(default_factory=dict)
     directions: pd.DataFrame | None = None
+    origin: Origin = Origin.ARCHIVE
+
+
+def origin_of(spectra: Iterable[xr.Dataset]) -> Origin:
+    """Where the spectra of a burst come from; of several origins the one that is furthest from the archive.
+
+    Parameters
+    ----------
+    spectra : iterable of xarray.Dataset
+        Those that do not say so are of the archive.
+
+    Returns
+    -------
+    Origin
+    """
+    found = [Origin(str(one.attrs.get("origin", Origin.ARCHIVE.value))) for one in spectra]
+    return max(found, key=list(Origin).index, default=Origin.ARCHIVE)
 
 
 def load_burst(subject: str, incoming: Path) -> BurstInput:
-    """Load the built-in event by its date, or a table that was handed in by its checksum.
+    """Load the built-in event by its date, or a table that was handed in by the id of its submission.
 
     Parameters
     ----------
@@ -120,6 +140,7 @@ def _built_in_event() -> BurstInput:
         EVENT.low_mhz,
         EVENT.high_mhz,
         EVENT.observatories,
+        origin=Origin.EVENT,
     )
     edges = {
         "gauss_hermite": arrivals["gauss_hermite"],
@@ -127,7 +148,8 @@ def _built_in_event() -> BurstInput:
         **{edge: timed_event(edge).edges for edge in (HALF_RISE, SHARED)},
     }
     channels = {edge: channel_arrivals(timed_event(edge)) for edge in (HALF_RISE, SHARED)}
-    return BurstInput(burst, arrivals, edges, event_spectra(), _event_sources(), PUBLISHED_TRACK, channels)
+    spectra, sources = event_spectra(), _event_sources()
+    return BurstInput(burst, arrivals, edges, spectra, sources, PUBLISHED_TRACK, channels, origin=Origin.EVENT)
 
 
 def _event_sources() -> tuple[SourceFile, ...]:
@@ -148,23 +170,23 @@ def _event_sources() -> tuple[SourceFile, ...]:
     )
 
 
-def _submission(sha256: str, table: Path) -> BurstInput:
+def _submission(submission_id: str, table: Path) -> BurstInput:
     arrivals = read_arrivals(table)
-    if hashlib.sha256(table.read_bytes()).hexdigest() != sha256:
-        raise InputError(f"{table.name} is not the table that was handed in; hand it in again")
     start, stop = onset(arrivals), arrivals["arrival_utc"].to_numpy("datetime64[ns]").max()
     frequency = arrivals["frequency_mhz"]
     burst = Burst(
-        burst_id(start),
+        submission_id,
         aware(start),
         aware(stop),
         float(frequency.min()),
         float(frequency.max()),
         tuple(dict.fromkeys(arrivals["observatory"])),
+        origin=Origin.SUBMISSION,
     )
+    sha256 = hashlib.sha256(table.read_bytes()).hexdigest()
     source = SourceFile(SUBMISSIONS, _day(start), "1", sha256, "done", table.name)
     edge = str(arrivals["edge"].iloc[0])
-    return BurstInput(burst, {edge: arrivals}, {edge: arrivals}, None, (source,))
+    return BurstInput(burst, {edge: arrivals}, {edge: arrivals}, None, (source,), origin=Origin.SUBMISSION)
 
 
 def aware(time: np.datetime64) -> datetime:

@@ -15,13 +15,13 @@ import xarray as xr
 
 import bella
 from bella.arrivals import arrivals_csv
-from bella.catalogue import Burst, Catalogue, Localisation, Publication, Series, Solution, SourceFile
-from bella.exceptions import NoDataError
+from bella.catalogue import Burst, Catalogue, Lease, Localisation, Publication, Series, Solution, SourceFile
+from bella.exceptions import NoDataError, StoreError
 from bella.formats import localisation_records
 from bella.multilateration import PRESETS
+from bella.pipeline.tracks import TRACK_RECIPE, Timing
 from bella.settings import Settings
 from bella.store import content_sha256, place_group, stage_group, verify_group
-from flows.tracks import TRACK_RECIPE, Timing
 
 
 def inputs_hash(timing: Timing, sources: tuple[SourceFile, ...], series: Series, settings: Settings) -> str:
@@ -94,7 +94,8 @@ def store_spectra(spectra: xr.DataTree | None, burst: Burst, catalogue: Catalogu
     if spectra is None:
         return None
     kept = _kept_spectra(burst, catalogue)
-    if kept is not None and f"spectra-{content_sha256(spectra)[:8]}-" in kept:
+    is_same = kept is not None and f"spectra-{content_sha256(spectra)[:8]}-" in kept
+    if kept is not None and is_same and (settings.store_root / kept).is_dir():
         return kept
     return store_group(spectra, settings, f"{burst.burst_id}/spectra")[0]
 
@@ -118,7 +119,7 @@ class Draft:
         As :func:`inputs_hash` returns it.
     posterior : xarray.Dataset
     track : dict
-        As :func:`flows.tracks.fitted_track` returns it.
+        As :func:`bella.pipeline.tracks.fitted_track` returns it.
     sources : tuple of SourceFile
     """
 
@@ -130,7 +131,7 @@ class Draft:
     sources: tuple[SourceFile, ...]
 
 
-def publish(draft: Draft, catalogue: Catalogue, settings: Settings) -> Solution:
+def publish(draft: Draft, catalogue: Catalogue, settings: Settings, lease: Lease | None = None) -> Solution:
     """Make a solution visible.
 
     Parameters
@@ -138,15 +139,31 @@ def publish(draft: Draft, catalogue: Catalogue, settings: Settings) -> Solution:
     draft : Draft
     catalogue : Catalogue
     settings : Settings
+    lease : Lease, optional
+        Right to work on the burst.
 
     Returns
     -------
     Solution
         The new version; or the one that another run published meanwhile from the same inputs.
+
+    Raises
+    ------
+    BusyError
+        If another run took the burst over.
+    StoreError
+        If a file of the solution is not in the store any more, or cannot be written.
     """
     series, posterior = draft.series, draft.posterior
     name = f"{draft.burst.burst_id}/{series.edge}-{series.method}-{series.preset}-{series.dimensions}d"
     store_path, sha256 = store_group(posterior, settings, name)
+    paths = [path for path in (store_path, draft.burst.spectra_path) if path is not None]
+
+    def _check() -> None:
+        gone = [path for path in paths if not (settings.store_root / path).is_dir()]
+        if gone:
+            raise StoreError(f"{gone[0]} has left the store while its solution was computed: run again")
+
     return catalogue.publish(
         Publication(
             burst=draft.burst,
@@ -157,15 +174,25 @@ def publish(draft: Draft, catalogue: Catalogue, settings: Settings) -> Solution:
             store_path=store_path,
             store_sha256=sha256,
             reference_utc=pd.Timestamp(posterior.attrs["reference_time"]).to_pydatetime(),
-            localisations=tuple(Localisation(**record) for record in localisation_records(posterior)),  # type: ignore[arg-type]
+            localisations=_localisations(posterior),
             track_fit=draft.track,
             sources=draft.sources,
-        )
+        ),
+        lease,
+        _check,
     )
+
+
+def _localisations(posterior: xr.Dataset) -> tuple[Localisation, ...]:
+    """Rows of a posterior; none where it is one of a longitude, without positions."""
+    if "x_rsun" not in posterior:
+        return ()
+    return tuple(Localisation(**record) for record in localisation_records(posterior))  # type: ignore[arg-type]
 
 
 def solution_flags(posterior: xr.Dataset, track: dict[str, Any]) -> tuple[str, ...]:
     """Flags raised on any frequency of a solution or on its track fits, in alphabetical order."""
-    raised = {flag for flags in np.unique(posterior["flags"].to_numpy()) for flag in str(flags).split(";") if flag}
+    said = np.unique(posterior["flags"].to_numpy()) if "flags" in posterior else ()
+    raised = {flag for flags in said for flag in str(flags).split(";") if flag}
     of_fits = {flag for fit in ("joint", "two_step") for flag in track.get(fit, {}).get("flags", ())}
     return tuple(sorted(raised | of_fits))

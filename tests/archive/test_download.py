@@ -15,12 +15,11 @@ from typing import Any
 
 import pytest
 
+from bella.archive import Manners, versions
+from bella.archive.download import complaint, download
+from bella.archive.sources import open_source
 from bella.exceptions import InputError, UnreachableError
-from bella.spectra.archive import Manners, versions
-from bella.spectra.archive_content import complaint
-from bella.spectra.archive_download import download
-from bella.spectra.archive_sources import open_source
-from tests.spectra.archive_server import (
+from tests.archive.server import (
     DAY,
     H1,
     Clock,
@@ -141,23 +140,23 @@ def test_what_is_not_the_file_does_not_touch_the_old_one(
 def test_real_archive_files_are_whole(reference_files: Path) -> None:
     files = sorted(reference_files.rglob("*.cdf"))
     assert len(files) >= 3
-    assert {complaint(path) for path in files} == {""}
+    assert {complaint(path, "x.cdf") for path in files} == {""}
 
 
 def test_real_archive_file_that_was_cut_is_noticed(reference_files: Path, tmp_path: Path) -> None:
     for number, path in enumerate(sorted(reference_files.rglob("*.cdf"))):
         cut = tmp_path / f"{number}.cdf"
         cut.write_bytes(path.read_bytes()[:-1])
-        assert complaint(cut).startswith("cut after")
+        assert complaint(cut, "x.cdf").startswith("cut after")
 
 
 def test_files_of_other_forms_are_taken(tmp_path: Path) -> None:
     path = tmp_path / "x.cdf"
     for content in (cdf(compressed=6), b"\xcd\xf2\x60\x02\x00\x00\xff\xff" + bytes(900)):
         path.write_bytes(content)
-        assert complaint(path) == ""
+        assert complaint(path, "x.cdf") == ""
     path.write_bytes(cdf(compressed=6)[:-1])
-    assert complaint(path).startswith("cut after")
+    assert complaint(path, "x.cdf").startswith("cut after")
 
 
 def test_a_reset_connection_is_tried_again(stocked: Server, clock: Clock, mirror: Path) -> None:
@@ -186,7 +185,7 @@ def test_checksum_of_a_real_archive_file_is_heeded(reference_files: Path, tmp_pa
     content = bytearray(real.read_bytes())
     content[len(content) // 2] ^= 1
     (tmp_path / "x.cdf").write_bytes(content)
-    assert complaint(tmp_path / "x.cdf") == "damaged: its checksum does not fit"
+    assert complaint(tmp_path / "x.cdf", "x.cdf") == "damaged: its checksum does not fit"
 
 
 @pytest.mark.parametrize("has_validators", [True, False])
@@ -358,7 +357,7 @@ FETCH = """
 import sys
 from datetime import date
 from pathlib import Path
-from bella.spectra.archive import find_datasets, open_archive
+from bella.archive import find_datasets, open_archive
 archive, (dataset,) = open_archive(sys.argv[1], interval_s=0.01), find_datasets(["WI_H1_WAV"])
 day = archive.fetch(dataset, date(2012, 6, 7), Path(sys.argv[2]))
 print(day.state, day.files[0].sha256)

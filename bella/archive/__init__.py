@@ -1,0 +1,23 @@
+"""Data sets of the archives, their listing and download, and the mirror: files, not their content."""
+
+from bella.archive.datasets import COMPANIONS, DATASETS, Dataset, find_datasets
+from bella.archive.download import FileVersion, MirrorFile, set_aside, versions
+from bella.archive.manners import Manners
+from bella.archive.mirror import Archive, DayFiles, DayInMirror, fetch_days, open_archive
+
+__all__ = [
+    "COMPANIONS",
+    "DATASETS",
+    "Archive",
+    "Dataset",
+    "DayFiles",
+    "DayInMirror",
+    "FileVersion",
+    "Manners",
+    "MirrorFile",
+    "fetch_days",
+    "find_datasets",
+    "open_archive",
+    "set_aside",
+    "versions",
+]

@@ -1,0 +1,364 @@
+"""One burst: localise it with every definition of its edge, publish what is new, draw it.
+
+Only an error of the science says that a burst is not localisable. A full disk, a lost database or a lost lease ends the
+work and is raised, so that it is tried again.
+"""
+
+import hashlib
+from collections.abc import Callable, Sequence
+from contextlib import closing
+from dataclasses import dataclass, replace
+from typing import Any, TypeVar
+
+import numpy as np
+import pandas as pd
+import structlog
+import xarray as xr
+
+import bella
+from bella.answer import read_track, wind_gap
+from bella.arrivals import MIN_OBSERVATORIES, ArrivalGrid, arrival_grid, locate_receivers
+from bella.catalogue import Burst, Catalogue, Lease, Series, Solution, edge_rank
+from bella.exceptions import ConvergenceError, InputError, NoDataError, NotPlacedError
+from bella.flags import APPARENT_SOURCE
+from bella.multilateration import localise
+from bella.multilateration.priors import apply_sigma_rule, find_preset
+from bella.pipeline.day import PRELIMINARY_EDGES
+from bella.pipeline.draw import Drawn, draw_burst
+from bella.pipeline.inputs import BurstInput
+from bella.pipeline.progress import counter
+from bella.pipeline.publication import Draft, inputs_hash, publish, store_spectra
+from bella.pipeline.surroundings import Surroundings, surroundings_of
+from bella.pipeline.tracks import Timing, fitted_track
+from bella.records import JointTrack, Origin, PreliminaryLevel, Track
+from bella.settings import Settings
+from bella.tracks import fit_preliminary, level_of
+
+log = structlog.get_logger(__name__)
+
+STAGE = "localise"
+SCIENCE_ERRORS = (InputError, NoDataError, ConvergenceError)
+"""What says that a burst cannot be localised, raised by a computation; of anything else the burst is not to blame."""
+
+PRELIMINARY, FINAL = "preliminary", "final"
+T = TypeVar("T")
+
+
+@dataclass(frozen=True)
+class Choice:
+    """How a burst is localised."""
+
+    method: str = "posterior"
+    preset: str = "default"
+    dimensions: int = 2
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """What a run has to say about one solution."""
+
+    solution: Solution
+    new: bool
+    track: dict[str, Any]
+
+
+@dataclass(frozen=True)
+class BurstOutcome:
+    """What became of a burst: its solutions, or the reason why there are none."""
+
+    burst_id: str
+    outcomes: tuple[Outcome, ...] = ()
+    reason: str = ""
+
+    @property
+    def is_final(self) -> bool:
+        """Whether its solutions have positions."""
+        return any(one.solution.answer.tier == FINAL for one in self.outcomes)
+
+
+def process_burst(given: BurstInput, choice: Choice, settings: Settings, run_id: str) -> BurstOutcome:
+    """Localise a burst under a lease of its own.
+
+    Parameters
+    ----------
+    given : BurstInput
+    choice : Choice
+    settings : Settings
+    run_id : str
+
+    Returns
+    -------
+    BurstOutcome
+
+    Raises
+    ------
+    BusyError
+        If another run is at work on the burst, or has taken it over.
+    StoreError, UnreachableError, OSError
+        If store or catalogue cannot be used: nothing is said of the burst.
+    """
+    burst_id = given.burst.burst_id
+    with (
+        structlog.contextvars.bound_contextvars(run_id=run_id, burst_id=burst_id),
+        closing(Catalogue.open(settings.catalogue_url, create=True)) as catalogue,
+        catalogue.lease(STAGE, burst_id, run_id, settings.lease_s) as lease,
+    ):
+        try:
+            return BurstOutcome(burst_id, tuple(localise_given(given, choice, catalogue, settings, lease)))
+        except NotPlacedError as error:
+            log.warning("burst not localised", reason=str(error))
+            return BurstOutcome(burst_id, reason=str(error))
+
+
+def computed(compute: Callable[[], T]) -> T:
+    """Result of a computation; an error of the science becomes the reason why a burst is not localised.
+
+    Parameters
+    ----------
+    compute : callable
+        Reads and writes nothing.
+
+    Raises
+    ------
+    NotPlacedError
+        With the message of the error.
+    """
+    try:
+        return compute()
+    except SCIENCE_ERRORS as error:
+        raise NotPlacedError(str(error)) from error
+
+
+def localise_given(
+    given: BurstInput, choice: Choice, catalogue: Catalogue, settings: Settings, lease: Lease
+) -> list[Outcome]:
+    """Localise a burst with every definition of its edge, publish what is new, and draw it.
+
+    Parameters
+    ----------
+    given : BurstInput
+        Heard by two spacecraft: a preliminary track is published.
+    choice : Choice
+    catalogue : Catalogue
+    settings : Settings
+    lease : Lease
+        On the burst: where it is lost, nothing is published any more.
+
+    Returns
+    -------
+    list of Outcome
+        One per definition of the edge that gave a solution.
+
+    Raises
+    ------
+    NotPlacedError
+        If none did; says why.
+    """
+    around = surroundings_of(given.burst.start_utc, settings)
+    spectra_path = store_spectra(given.spectra, given.burst, catalogue, settings)
+    burst = with_origin(replace(given.burst, spectra_path=spectra_path), given.origin)
+    given = replace(given, burst=burst, sources=(*given.sources, *around.sources()))
+    work = _Work(given, choice, catalogue, settings, lease, around)
+    outcomes = work.every_edge() if len(burst.observatories) >= MIN_OBSERVATORIES else [work.preliminary()]
+    drawn = [Drawn(one.solution, one.track) for one in outcomes]
+    draw_burst(given, drawn, settings, around)
+    # a later one of these may have become the preferred solution
+    return [replace(one, solution=catalogue.solution(one.solution.solution_id)) for one in outcomes]
+
+
+def with_origin(burst: Burst, origin: Origin) -> Burst:
+    """Record of a burst with where its data come from, where the catalogue keeps it."""
+    known: dict[str, Any] = {"origin": origin} if "origin" in Burst.__dataclass_fields__ else {}
+    return replace(burst, **known)
+
+
+@dataclass(frozen=True)
+class _Work:
+    """A burst being localised, with all that is needed for it."""
+
+    given: BurstInput
+    choice: Choice
+    catalogue: Catalogue
+    settings: Settings
+    lease: Lease
+    around: Surroundings
+
+    def series(self, edge: str) -> Series:
+        return Series(edge, self.choice.method, self.choice.preset, self.choice.dimensions)
+
+    def every_edge(self) -> list[Outcome]:
+        """Solutions of all edges; one that cannot be computed does not stop the others."""
+        outcomes, reasons = [], []
+        # the edge that the rule prefers comes first: what is published after it leaves the choice as it is
+        for edge in sorted(self.given.arrivals, key=edge_rank):
+            try:
+                outcomes.append(self.final(self.series(edge)))
+            except NotPlacedError as error:
+                log.warning("edge gives no solution", edge=edge, reason=str(error))
+                reasons.append(str(error))
+        if not outcomes:
+            raise NotPlacedError(reasons[0])
+        return outcomes
+
+    def final(self, series: Series) -> Outcome:
+        """Solution of one series: the one that is there if its inputs are the same, else a new version."""
+        timing = self._timing(series.edge)
+        checksum = inputs_hash(timing, self.given.sources, series, self.settings)
+        if (same := self._same(series, checksum)) is not None:
+            return same
+        burst_id = self.given.burst.burst_id
+        posterior = computed(lambda: _posterior(timing.arrivals, burst_id, series, self.settings))
+        track, drawn = computed(lambda: fitted_track(posterior, timing, series, self.settings, self.around))
+        level = preliminary_level(self.catalogue, burst_id, read_track(track))
+        if level is not None:
+            track["preliminary"] = level.model_dump(mode="json")
+        if self.given.published_track:
+            track["published"] = dict(self.given.published_track)
+        return self._published(Draft(self.given.burst, series, checksum, drawn, track, self.given.sources))
+
+    def preliminary(self) -> Outcome:
+        """Preliminary track of a burst that two spacecraft heard, unless a final answer is there."""
+        edge, *others = [name for name in PRELIMINARY_EDGES if name in self.given.arrivals] or self.given.arrivals
+        series, timing = self.series(edge), self._timing(edge)
+        burst_id, second = self.given.burst.burst_id, [self._timing(name) for name in others]
+        final = [one for one in _versions(self.catalogue, burst_id) if one.answer.tier == FINAL]
+        if final:
+            raise NotPlacedError(f"two spacecraft give no more than {final[0].solution_id}, which stands")
+        parts = [inputs_hash(one, self.given.sources, series, self.settings) for one in (timing, *second)]
+        checksum = hashlib.sha256(" ".join([PRELIMINARY, *parts]).encode()).hexdigest()
+        if (same := self._same(series, checksum)) is not None:
+            return same
+        joint = computed(lambda: fit_preliminary(*(_grid(one, series) for one in (timing, *second[:1]))))
+        track = Track(remark=APPARENT_SOURCE, rotation_period_d=joint.rotation_period_d, joint=joint)
+        circle = circle_dataset(joint, burst_id, edge)
+        stored = track.model_dump(mode="json")
+        return self._published(Draft(self.given.burst, series, checksum, circle, stored, self.given.sources))
+
+    def _timing(self, edge: str) -> Timing:
+        channels = self.given.channel_arrivals.get(edge)
+        located = None if channels is None else locate_receivers(channels)
+        is_first = edge == next(iter(self.given.arrivals))
+        return Timing(locate_receivers(self.given.arrivals[edge]), located, self.given.directions, is_first)
+
+    def _same(self, series: Series, checksum: str) -> Outcome | None:
+        same = self.catalogue.find_solution(self.given.burst.burst_id, series, checksum, bella.__version__)
+        if same is None:
+            return None
+        log.info("nothing new", solution_id=same.solution_id, edge=series.edge, preset=series.preset)
+        return Outcome(same, new=False, track=self.catalogue.track_fit(same.solution_id))
+
+    def _published(self, draft: Draft) -> Outcome:
+        solution = publish(draft, self.catalogue, self.settings, self.lease)
+        log.info("published", solution_id=solution.solution_id, edge=draft.series.edge, preset=draft.series.preset)
+        return Outcome(solution, new=True, track=draft.track)
+
+
+def _posterior(arrivals: pd.DataFrame, burst_id: str, series: Series, settings: Settings) -> xr.Dataset:
+    """Posterior of the source at every frequency."""
+    posterior = localise(
+        arrivals,
+        preset=series.preset,
+        method=series.method,
+        dimensions=series.dimensions,
+        draws=settings.draws,
+        seed=settings.seed,
+        advance=counter(f"localise {series.edge}", arrivals["frequency_mhz"].nunique()),
+    )
+    return posterior.assign_attrs(burst_id=burst_id)
+
+
+def _grid(timing: Timing, series: Series) -> ArrivalGrid:
+    """Arrival times of two spacecraft, as a preliminary fit takes them."""
+    table = timing.arrivals if timing.channels is None else timing.channels
+    return apply_sigma_rule(arrival_grid(table, heard_by=1), find_preset(series.preset))
+
+
+def circle_dataset(joint: JointTrack, burst_id: str, edge: str) -> xr.Dataset:
+    """Posterior of the longitude of a preliminary track, for the store.
+
+    Parameters
+    ----------
+    joint : JointTrack
+        Of tier "preliminary".
+    burst_id, edge : str
+
+    Returns
+    -------
+    xarray.Dataset
+        ``probability`` (longitude) of equal parts of the circle, at their centres.
+    """
+    number = len(joint.phi0_probability)
+    centre = (np.arange(number) + 0.5) * 360.0 / number - 180.0
+    return xr.Dataset(
+        {"probability": ("longitude", np.array(joint.phi0_probability), {"units": "1"})},
+        {"longitude": ("longitude", centre, {"units": "deg", "long_name": "HEE longitude of the spiral at 1 R_sun"})},
+        {
+            "tier": joint.tier,
+            "burst_id": burst_id,
+            "edge": edge,
+            "model": joint.model,
+            "frame": "HEE",
+            "reference_time": joint.epoch_utc,
+            "comment": APPARENT_SOURCE,
+        },
+    )
+
+
+def preliminary_level(catalogue: Catalogue, burst_id: str, track: Track | None) -> PreliminaryLevel | None:
+    """Where a final longitude is in the preliminary posterior of the same burst.
+
+    Parameters
+    ----------
+    catalogue : Catalogue
+    burst_id : str
+    track : Track or None
+        The final one.
+
+    Returns
+    -------
+    PreliminaryLevel or None
+        None where there was no preliminary track, or the final one has no longitude.
+    """
+    longitude = track.joint.phi0_deg.q50 if track else None
+    earlier = [one for one in _versions(catalogue, burst_id) if one.answer.tier == PRELIMINARY]
+    if longitude is None or not earlier:
+        return None
+    last = max(earlier, key=lambda one: one.version)
+    known = read_track(catalogue.track_fit(last.solution_id))
+    if known is None:
+        return None
+    return PreliminaryLevel(solution_id=last.solution_id, phi0_deg=longitude, level=level_of(known.joint, longitude))
+
+
+def _versions(catalogue: Catalogue, burst_id: str) -> tuple[Solution, ...]:
+    try:
+        return catalogue.versions(burst_id)
+    except NoDataError:
+        return ()
+
+
+def summary_row(outcome: Outcome) -> dict[str, Any]:
+    """One line of the summary table of a run."""
+    solution, line = outcome.solution, outcome.track.get("two_step") or {}
+    answer = solution.answer
+    return {
+        "solution": solution.solution_id,
+        "new": outcome.new,
+        "preferred": solution.preferred,
+        "tier": answer.tier,
+        "grade": answer.grade,
+        "sentence": answer.sentence,
+        "phi0_deg": answer.phi0_deg,
+        "phi0_68_deg": [answer.phi0_low_deg, answer.phi0_high_deg],
+        "v_sw_km_s": answer.v_sw_km_s,
+        "v_sw_68_km_s": [answer.v_sw_low_km_s, answer.v_sw_high_km_s],
+        "two_step_phi0_deg": line["phi0_deg"]["q50"] if line else None,
+        "two_step_v_sw_km_s": None if not line or wind_gap(line) else line["v_sw_km_s"]["q50"],
+        "rotation_period_d": outcome.track.get("rotation_period_d"),
+        "flags": ", ".join(solution.flags),
+    }
+
+
+def summary_table(outcomes: Sequence[Outcome]) -> list[dict[str, Any]]:
+    """Lines of the summary table of a run."""
+    return [summary_row(one) for one in outcomes]

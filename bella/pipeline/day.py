@@ -1,0 +1,388 @@
+"""From the files of a day to its bursts: what was found, by which spacecraft, and when it arrived."""
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from datetime import UTC, date, datetime, time, timedelta
+
+import numpy as np
+import pandas as pd
+import structlog
+import xarray as xr
+
+from bella.bursts.association import (
+    FEWEST_SPACECRAFT,
+    LEAST_LOW,
+    LOW_MHZ,
+    SLOWEST,
+    AssociatedBurst,
+    Member,
+    associate,
+    association_table,
+)
+from bella.bursts.detection import GROUP, search
+from bella.bursts.matched_filter import FREQUENCY_MHZ
+from bella.bursts.timing import (
+    HALF_RISE,
+    SHARED,
+    TimedBurst,
+    arrival_table,
+    burst_spectrum,
+    channel_arrivals,
+    shared_frequencies_mhz,
+    time_burst,
+    why_not_timed,
+)
+from bella.catalogue import Burst, BurstQuery, Catalogue, Detection
+from bella.exceptions import BellaError, InputError, NoDataError
+from bella.flags import CATALOGUED, LOCALISABLE
+from bella.pipeline.directions import burst_directions
+from bella.pipeline.inputs import BurstInput, aware, origin_of
+from bella.pipeline.mirror import DayFiles, check_content
+from bella.spectra import by_observatory, open_spectra
+
+log = structlog.get_logger(__name__)
+
+DAY = timedelta(days=1)
+BEFORE, AFTER = np.timedelta64(30, "m"), np.timedelta64(3, "h")
+"""How much of the days around it belongs to a day: bursts are alone or not, and go on past midnight."""
+
+SAME_BURST = timedelta(minutes=10)
+"""A burst that begins this near to one of the catalogue on the same day is that one: later data move its onset."""
+
+SAME_ACROSS_MIDNIGHT = timedelta(minutes=2)
+"""The same for one of the day before or after: days are searched apart, so only the same minute or so counts."""
+
+SHOWN_BEFORE, SHOWN_AFTER = np.timedelta64(20, "m"), np.timedelta64(40, "m")
+EDGES = (SHARED, HALF_RISE, "half_maximum")
+"""Definitions of the edge with which a burst is timed."""
+
+PRELIMINARY_EDGES = (HALF_RISE, "half_maximum")
+"""Those of a burst that two spacecraft heard: the first is fitted, the second has to agree."""
+
+NOT_LOCALISABLE = "not localisable: "
+
+KnownBurst = tuple[str, datetime]
+"""Id and onset of a burst of the catalogue."""
+
+
+@dataclass(frozen=True)
+class FoundBurst:
+    """A burst of a day.
+
+    Attributes
+    ----------
+    name : str
+        In the detection table of the day.
+    burst_id : str
+        In the catalogue.
+    reason : str
+        Why it is not localised; empty where `given` is what its localisation starts from.
+    given : BurstInput or None
+    """
+
+    name: str
+    burst_id: str
+    reason: str
+    given: BurstInput | None
+
+
+@dataclass(frozen=True)
+class FoundDay:
+    """A day after the search, with its bursts timed.
+
+    Attributes
+    ----------
+    files : DayFiles
+    spectra : tuple of Dataset
+        Over their background, of each spacecraft that had data.
+    bursts : tuple of FoundBurst
+        That begin on the day.
+    table : DataFrame
+        Detection table of the day.
+    damaged : tuple of str
+        Files that could not be searched, and why.
+    """
+
+    files: DayFiles
+    spectra: tuple[xr.Dataset, ...]
+    bursts: tuple[FoundBurst, ...]
+    table: pd.DataFrame
+    damaged: tuple[str, ...] = ()
+
+    @property
+    def observatories(self) -> tuple[str, ...]:
+        """Spacecraft that had data."""
+        return tuple(str(one.attrs["observatory"]) for one in self.spectra)
+
+
+def search_day(files: DayFiles, known: Sequence[KnownBurst]) -> FoundDay:
+    """Read the spectra of a day, search them, compare spacecraft, and time the bursts that can be localised.
+
+    Parameters
+    ----------
+    files : DayFiles
+    known : sequence of (str, datetime)
+        Bursts of the catalogue around the day.
+
+    Returns
+    -------
+    FoundDay
+
+    Raises
+    ------
+    NoDataError
+        If the files cannot be searched: none can be read, or none has a record of the day.
+    StoreError
+        If the mirror cannot be read.
+    """
+    spectra, damaged = day_spectra(files)
+    searched = [search(spectrum) for spectrum in spectra.values()]
+    midnight = pd.Timestamp(files.day)
+    bursts = [one for one in associate(searched) if midnight <= one.start_utc < midnight + DAY]
+    table = association_table(bursts, searched)
+    inside = (table["start_utc"] >= midnight) & (table["start_utc"] < midnight + DAY)
+    kept = table[inside | (table["burst_id"] != "")].reset_index(drop=True)
+    names = known_burst_ids(known, bursts)
+    found = tuple(_timed(files, one, names[one.burst_id]) for one in bursts)
+    return FoundDay(files, tuple(one.over for one in searched), found, kept, damaged)
+
+
+def _timed(files: DayFiles, burst: AssociatedBurst, burst_id: str) -> FoundBurst:
+    is_preliminary = burst.tier != LOCALISABLE and heard_by_two(burst)
+    if burst.tier != LOCALISABLE and not is_preliminary:
+        return FoundBurst(burst.burst_id, burst_id, burst.reason, None)
+    with structlog.contextvars.bound_contextvars(burst_id=burst_id):
+        given = time_members(files, burst, burst_id, PRELIMINARY_EDGES if is_preliminary else EDGES)
+    if not isinstance(given, str):
+        return FoundBurst(burst.burst_id, burst_id, burst.reason if is_preliminary else "", given)
+    return FoundBurst(burst.burst_id, burst_id, burst.reason if is_preliminary else given, None)
+
+
+def heard_by_two(burst: AssociatedBurst) -> bool:
+    """Whether a burst may have a preliminary track: two spacecraft heard it well, below 2 MHz, drifting like a beam.
+
+    Parameters
+    ----------
+    burst : AssociatedBurst
+        That cannot be localised.
+
+    Returns
+    -------
+    bool
+    """
+    alone = [member.candidate for member in burst.members if member.fits]
+    if len(alone) != FEWEST_SPACECRAFT - 1 or GROUP in {member.unfit for member in burst.members}:
+        return False
+    both = alone[0].hit & alone[1].hit & (FREQUENCY_MHZ < LOW_MHZ)
+    return bool(np.count_nonzero(both) >= LEAST_LOW and min(one.drift for one in alone) > SLOWEST)
+
+
+def day_spectra(files: DayFiles) -> tuple[dict[str, xr.Dataset], tuple[str, ...]]:
+    """Spectra of a day with what of its neighbours belongs to it, one of each spacecraft that had data.
+
+    Parameters
+    ----------
+    files : DayFiles
+
+    Returns
+    -------
+    spectra : dict of str to xarray.Dataset
+        By observatory.
+    damaged : tuple of str
+        Files that are left out, each with its reason: one damaged file does not cost the day the others.
+
+    Raises
+    ------
+    NoDataError
+        If no file could be read, or none has a record of the day.
+    StoreError
+        If the mirror cannot be read.
+    """
+    found: list[xr.Dataset] = []
+    damaged = []
+    for path, source in zip(files.paths, files.sources, strict=True):
+        wrong = check_content(path, source)
+        try:
+            found += [] if wrong else open_spectra(path)
+        except BellaError as error:
+            wrong = str(error)
+        if wrong:
+            log.warning("file left out", file=path.name, reason=wrong)
+            damaged.append(f"{path.name}: {wrong}")
+    if not found:
+        raise NoDataError(f"no file of {files.day} can be read ({'; '.join(damaged[:1])}): fetch them again")
+    midnight = np.datetime64(files.day, "ns")
+    start, stop = midnight - BEFORE, midnight + np.timedelta64(1, "D") + AFTER
+    parts = [part for one in found if (part := one.sel(time=slice(start, stop))).sizes["time"] > 1]
+    whole = by_observatory(parts) if parts else {}
+    heard = {name: one for name, one in whole.items() if _reaches(one, midnight)}
+    if not heard:
+        raise NoDataError(f"no file has a record of {files.day}: fetch the day again")
+    return heard, tuple(damaged)
+
+
+def _reaches(spectrum: xr.Dataset, midnight: np.datetime64) -> bool:
+    return bool(spectrum.sel(time=slice(midnight, midnight + np.timedelta64(1, "D"))).sizes["time"])
+
+
+def time_members(
+    files: DayFiles, burst: AssociatedBurst, burst_id: str, wanted: Sequence[str] = EDGES
+) -> BurstInput | str:
+    """Time a burst by the spacecraft that heard it well.
+
+    Parameters
+    ----------
+    files : DayFiles
+    burst : AssociatedBurst
+    burst_id : str
+        Id under which it goes into the catalogue.
+    wanted : sequence of str
+        Definitions of the edge.
+
+    Returns
+    -------
+    BurstInput or str
+        What localising starts from; or the reason why its edges do not place it.
+    """
+    members = [member for member in burst.members if member.fits]
+    names = [member.searched.observatory for member in members]
+    try:
+        parts = [burst_spectrum(member.searched, member.candidate) for member in members]
+        timed = {one.edge: one for edge in wanted if (one := time_burst(parts, edge))}
+        reason = why_not_timed(timed[HALF_RISE], names)
+        if reason:
+            return reason
+        kept = {edge: one for edge, one in timed.items() if not why_not_timed(one, names)}
+        arrivals = {edge: arrival_table(one, shared_frequencies_mhz(one)) for edge, one in kept.items()}
+    except (NoDataError, InputError) as error:
+        return f"{NOT_LOCALISABLE}{error}"
+    table = arrivals[HALF_RISE]
+    record = Burst(
+        burst_id,
+        aware(burst.start_utc.to_datetime64()),
+        aware(table["arrival_utc"].max().to_datetime64()),
+        float(table["frequency_mhz"].min()),
+        float(table["frequency_mhz"].max()),
+        tuple(dict.fromkeys(table["observatory"])),
+    )
+    return BurstInput(
+        record,
+        arrivals,
+        {edge: one.edges for edge, one in kept.items()},
+        _shown(members, burst),
+        files.sources,
+        channel_arrivals=_channel_tables(kept),
+        directions=_directions(members, burst, record),
+        origin=origin_of(member.searched.over for member in members),
+    )
+
+
+def _directions(members: Sequence[Member], burst: AssociatedBurst, record: Burst) -> pd.DataFrame:
+    start, band = burst.start_utc.to_datetime64(), (record.f_low_mhz, record.f_high_mhz)
+    return burst_directions([one.searched.over for one in members], (start - SHOWN_BEFORE, start + SHOWN_AFTER), band)
+
+
+def _channel_tables(timed: Mapping[str, TimedBurst]) -> dict[str, pd.DataFrame]:
+    tables = {}
+    for edge, one in timed.items():
+        try:
+            tables[edge] = channel_arrivals(one)
+        except InputError as error:  # the track is then fitted to t(f)
+            log.warning("no channel edges for the track", edge=edge, reason=str(error))
+    return tables
+
+
+def _shown(members: Sequence[Member], burst: AssociatedBurst) -> xr.DataTree:
+    """Spectra of a burst, for its page."""
+    start = burst.start_utc.to_datetime64()
+    parts = {}
+    for searched in (member.searched for member in members):
+        part = searched.over.drop_vars("noise_db").sel(time=slice(start - SHOWN_BEFORE, start + SHOWN_AFTER))
+        parts[searched.observatory] = part.assign_attrs(
+            source_files=", ".join(np.atleast_1d(part.attrs["source_files"]))
+        )
+    return xr.DataTree.from_dict(parts)
+
+
+def known_bursts(catalogue: Catalogue, first: date, last: date) -> tuple[KnownBurst, ...]:
+    """Bursts of the catalogue on days and near their midnights.
+
+    Read once before days are processed, so that their names do not depend on which day is done first.
+
+    Parameters
+    ----------
+    catalogue : Catalogue
+    first, last : datetime.date
+
+    Returns
+    -------
+    tuple of (str, datetime)
+        By onset.
+    """
+    start = datetime.combine(first, time(), UTC) - SAME_ACROSS_MIDNIGHT
+    query = BurstQuery(start=start, stop=datetime.combine(last + DAY, time(), UTC) + SAME_ACROSS_MIDNIGHT, limit=1000)
+    found: list[KnownBurst] = []
+    while True:
+        page = catalogue.bursts(query)
+        found += [(one.burst.burst_id, one.burst.start_utc) for one in page.bursts]
+        if page.next_cursor is None:
+            return tuple(found)
+        query = replace(query, cursor=page.next_cursor)
+
+
+def known_burst_ids(known: Iterable[KnownBurst], bursts: Sequence[AssociatedBurst]) -> dict[str, str]:
+    """Ids of bursts in the catalogue: of the one there which each is, or its own.
+
+    Parameters
+    ----------
+    known : iterable of (str, datetime)
+        Bursts of the catalogue.
+    bursts : sequence of AssociatedBurst
+        Of one day.
+
+    Returns
+    -------
+    dict of str to str
+        By the name of the burst; no id of the catalogue is given twice, but to the nearest.
+    """
+    apart = []
+    for burst in bursts:
+        start = aware(burst.start_utc.to_datetime64())
+        for burst_id, onset in known:
+            reach = SAME_BURST if onset.date() == start.date() else SAME_ACROSS_MIDNIGHT
+            if abs(onset - start) < reach:
+                apart.append((abs(onset - start), burst.burst_id, burst_id))
+    names: dict[str, str] = {}
+    for _, own, burst_id in sorted(apart):
+        if own not in names and burst_id not in names.values():
+            names[own] = burst_id
+    return {burst.burst_id: burst.burst_id for burst in bursts} | names
+
+
+def detection_records(table: pd.DataFrame, verdicts: dict[str, tuple[str, str]]) -> list[Detection]:
+    """Records of a detection table.
+
+    Parameters
+    ----------
+    table : pandas.DataFrame
+    verdicts : dict of str to (str, str)
+        By the name in the table: the id in the catalogue, and why the burst was not localised, empty if it was.
+
+    Returns
+    -------
+    list of Detection
+    """
+    records = []
+    for row in table.to_dict("records"):
+        times = {name: _utc(row[name]) for name in ("start_utc", "peak_utc", "end_utc")}
+        one = Detection(**{str(name): value for name, value in row.items()} | times)
+        if one.burst_id in verdicts:
+            known, reason = verdicts[one.burst_id]
+            one = replace(one, burst_id=known, reason=reason, tier=CATALOGUED if reason else LOCALISABLE)
+        records.append(one)
+    return records
+
+
+def _utc(time: pd.Timestamp) -> datetime:
+    stamp: datetime = time.to_pydatetime()
+    return stamp.replace(tzinfo=UTC)

@@ -1,0 +1,204 @@
+"""Figures of bursts and days, drawn after what they show is published.
+
+A figure that cannot be drawn ends nothing, except where the disk refuses: then the burst is done again, and what was
+published before is found and only drawn.
+"""
+
+from collections.abc import Iterable, Sequence
+from dataclasses import asdict, dataclass
+from datetime import date
+from pathlib import Path
+from typing import Any
+
+import pandas as pd
+import structlog
+import xarray as xr
+
+from bella.bursts.matched_filter import over_quiet
+from bella.catalogue import Detection, Solution
+from bella.exceptions import BellaError, StoreError
+from bella.pipeline.day import day_spectra
+from bella.pipeline.inputs import BurstInput
+from bella.pipeline.mirror import DayFiles
+from bella.pipeline.progress import counter
+from bella.pipeline.surroundings import Surroundings, draw_wind, has_wind
+from bella.plotting import (
+    TrackView,
+    edge_name,
+    write_constellation_png,
+    write_day_png,
+    write_density_png,
+    write_polar_fit_png,
+    write_spectra_png,
+)
+from bella.settings import FIT_FIGURES, WIND_FIGURE, Settings
+from bella.store import open_group
+
+log = structlog.get_logger(__name__)
+
+TIMES = ("start_utc", "peak_utc", "end_utc")
+
+
+@dataclass(frozen=True)
+class Drawn:
+    """A published solution and its track, to be drawn."""
+
+    solution: Solution
+    track: dict[str, Any]
+
+    @property
+    def has_positions(self) -> bool:
+        """Whether there is a source to draw: not so of a preliminary track."""
+        return self.solution.answer.tier == "final"
+
+
+def draw_burst(given: BurstInput, solutions: Sequence[Drawn], settings: Settings, around: Surroundings) -> None:
+    """Draw constellation, fits, wind and spectra of a burst, unless all were drawn after its newest solution.
+
+    Parameters
+    ----------
+    given : BurstInput
+    solutions : sequence of Drawn
+    settings : Settings
+    around : Surroundings
+
+    Raises
+    ------
+    OSError, StoreError
+        If the disk refuses.
+    """
+    figures = figure_paths(given, solutions, settings)
+    if all(is_drawn(figure, solutions) for figure in figures):
+        return
+    try:
+        _draw(given, solutions, settings, around)
+    except (OSError, StoreError):
+        raise
+    except Exception as error:  # noqa: BLE001 - a picture is not worth a burst, whatever keeps it from being drawn
+        log.warning("figures of the burst not drawn", reason=f"{type(error).__name__}: {error}")
+
+
+def _draw(given: BurstInput, solutions: Sequence[Drawn], settings: Settings, around: Surroundings) -> None:
+    positions = [one for one in solutions if one.has_positions]
+    views = [
+        TrackView(
+            edge_name(one.solution.series.edge), open_group(settings.store_root, one.solution.store_path), one.track
+        )
+        for one in positions
+    ]
+    advance = counter("figures", len(figure_paths(given, solutions, settings)))
+    if positions:
+        write_constellation_png(constellation(given, positions[0].solution, settings), views)
+        advance(1)
+    for one, view in zip(positions, views, strict=True):
+        polar_fit, density = fit_figures(one.solution, settings)
+        write_polar_fit_png(polar_fit, view.posterior, view.track_fit | view.track_fit.get("companions", {}))
+        write_density_png(density, view.posterior)
+        if has_wind(view.track_fit):
+            draw_wind(wind_figure(one.solution, settings), view.posterior, view.track_fit, around)
+        advance(2 + has_wind(view.track_fit))
+    if given.spectra is not None:
+        named = {edge_name(edge): table for edge, table in given.channel_edges.items()}
+        write_spectra_png(spectra_figure(given, settings), given.spectra, named)
+        advance(1)
+
+
+def figure_paths(given: BurstInput, solutions: Sequence[Drawn], settings: Settings) -> list[Path]:
+    """Files of the figures of a run; each method and preset has a constellation of its own, the spectra are last."""
+    positions = [one for one in solutions if one.has_positions]
+    paths = [constellation(given, positions[0].solution, settings)] if positions else []
+    paths += [path for one in positions for path in fit_figures(one.solution, settings)]
+    paths += [wind_figure(one.solution, settings) for one in positions if has_wind(one.track)]
+    return [*paths, *([spectra_figure(given, settings)] if given.spectra is not None else [])]
+
+
+def constellation(given: BurstInput, solution: Solution, settings: Settings) -> Path:
+    """File of the positions of all edges of a burst."""
+    name = f"constellation-{solution.series.method}-{solution.series.preset}.png"
+    return settings.figures_root / given.burst.burst_id / name
+
+
+def spectra_figure(given: BurstInput, settings: Settings) -> Path:
+    """File of the spectra of a burst with their edges."""
+    return settings.figures_root / given.burst.burst_id / "spectra.png"
+
+
+def fit_figures(solution: Solution, settings: Settings) -> list[Path]:
+    """Files of the figures of one solution, in the order of their names in `Settings`."""
+    return [settings.fit_figure(solution.burst_id, solution.solution_id, name) for name in FIT_FIGURES]
+
+
+def wind_figure(solution: Solution, settings: Settings) -> Path:
+    """File of the map of the wind of one solution, which is drawn where the wind was measured."""
+    return settings.fit_figure(solution.burst_id, solution.solution_id, WIND_FIGURE)
+
+
+def is_drawn(figure: Path, solutions: Sequence[Drawn]) -> bool:
+    """Tell whether a figure was drawn after the solutions it shows; not so where a run was killed before it drew."""
+    newest = max(one.solution.created_utc for one in solutions)
+    return figure.is_file() and figure.stat().st_mtime >= newest.timestamp()
+
+
+def draw_day(day: date, spectra: Sequence[xr.Dataset], found: Sequence[Detection], settings: Settings) -> bool:
+    """Draw a day in place of what was drawn of it before.
+
+    Parameters
+    ----------
+    day : datetime.date
+    spectra : sequence of xarray.Dataset
+        Over their background, one of each spacecraft.
+    found : sequence of Detection
+    settings : Settings
+
+    Returns
+    -------
+    bool
+        Whether it is drawn. If not, an earlier figure is gone too: it would not fit what is now known of the day.
+    """
+    path = settings.day_figure(day)
+    try:
+        write_day_png(path, day, spectra, detection_frame(found))
+    except Exception as error:  # noqa: BLE001 - a picture is not worth a day, whatever keeps it from being drawn
+        log.warning("figure of the day not drawn", reason=f"{type(error).__name__}: {error}")
+        if path.is_file():
+            path.unlink()
+        return False
+    return True
+
+
+def redraw_day(files: DayFiles, found: Sequence[Detection], settings: Settings) -> bool:
+    """Draw a day that was searched before, from its files and what was found in them.
+
+    Parameters
+    ----------
+    files : DayFiles
+    found : sequence of Detection
+    settings : Settings
+
+    Returns
+    -------
+    bool
+        Whether it is drawn.
+    """
+    try:
+        spectra = [over_quiet(one) for one in day_spectra(files)[0].values()]
+    except BellaError as error:
+        log.warning("figure of the day not drawn", reason=str(error))
+        return False
+    return draw_day(files.day, spectra, found, settings)
+
+
+def detection_frame(found: Iterable[Detection]) -> pd.DataFrame:
+    """Detection table of records, with times as spectra have them: UTC without a zone.
+
+    Parameters
+    ----------
+    found : iterable of Detection
+
+    Returns
+    -------
+    pandas.DataFrame
+    """
+    table = pd.DataFrame([asdict(one) for one in found], columns=list(Detection.__dataclass_fields__))
+    times = {name: pd.to_datetime(table[name], utc=True).dt.tz_localize(None) for name in TIMES}
+    return table.assign(**times).astype(dict.fromkeys(TIMES, "datetime64[ns]"))

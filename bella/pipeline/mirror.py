@@ -1,0 +1,281 @@
+"""The inputs of a day: the newest whole files in the mirror, whatever an archive answers today.
+
+A listing, an outage or a 404 adds files, or none; it never takes one away. What the archive answered is remembered
+beside the files, so that "no data" and "archive silent" can be told apart later and without a network.
+"""
+
+import hashlib
+import json
+import os
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
+from datetime import date, timedelta
+from pathlib import Path
+
+import structlog
+
+from bella.archive import Dataset, DayInMirror, fetch_days, find_datasets, open_archive, versions
+from bella.archive.download import complaint
+from bella.catalogue import SourceFile
+from bella.exceptions import InputError, StoreError
+from bella.pipeline.progress import counter
+from bella.pipeline.surroundings import day_digest
+from bella.settings import Settings
+
+log = structlog.get_logger(__name__)
+
+DAY = timedelta(days=1)
+ANSWERS = ".answers"
+"""Folder in the mirror with one file a day: what the archive answered last about each data set."""
+
+UNREACHABLE = "unreachable"
+NOT_ASKED = "the archive was not asked for this day"
+
+
+@dataclass(frozen=True)
+class DayFiles:
+    """Files that hold a day and what of its neighbours belongs to it.
+
+    Attributes
+    ----------
+    day : datetime.date
+    paths : tuple of Path
+        Empty where the mirror has no file of the day itself.
+    sources : tuple of SourceFile
+        One for each path.
+    inputs_hash : str
+        Of the contents of the files, and of what is known of the wind and the Sun around the day.
+    silent : tuple of str
+        Data sets of the day that could not be asked for, and that have no file of it in the mirror.
+    """
+
+    day: date
+    paths: tuple[Path, ...]
+    sources: tuple[SourceFile, ...]
+    inputs_hash: str
+    silent: tuple[str, ...] = ()
+
+
+def fetch_range(days: Sequence[date], archive: str, settings: Settings) -> tuple[str, ...]:
+    """Bring the files of days, and of those next to them, into the mirror, and remember what the archive answered.
+
+    Parameters
+    ----------
+    days : sequence of datetime.date
+        In order, without a gap.
+    archive : str
+        URL or folder.
+    settings : Settings
+
+    Returns
+    -------
+    tuple of str
+        Data sets that could not be asked for, each with the reason.
+
+    Raises
+    ------
+    InputError
+        If the archive is neither a URL nor a folder.
+    StoreError
+        If the mirror cannot be written.
+    """
+    opened = open_archive(archive, timeout_s=settings.archive_timeout_s, interval_s=settings.archive_interval_s)
+    wanted = (days[0] - DAY, *days, days[-1] + DAY)
+    datasets = [one for one in find_datasets(()) if any(one.covers(day) for day in wanted)]
+    advance = counter("fetch", len(datasets) * len(wanted))
+    try:
+        outcomes = list(fetch_days(opened, datasets, wanted, settings.mirror_root, lambda: advance(1)))
+    except InputError as error:
+        raise StoreError(str(error)) from error
+    silent = {one.dataset.key: one.message for one in outcomes if one.state == UNREACHABLE}
+    for key, reason in silent.items():
+        log.warning("not fetched", dataset=key, reason=reason)
+    remember_answers(outcomes, settings.mirror_root)
+    return tuple(f"{key}: {reason}" for key, reason in silent.items())
+
+
+def remember_answers(outcomes: Iterable[DayInMirror], mirror: Path) -> None:
+    """Keep what the archive answered about each data set and day, beside what it answered about others.
+
+    Parameters
+    ----------
+    outcomes : iterable of DayInMirror
+    mirror : Path
+
+    Raises
+    ------
+    StoreError
+        If it cannot be written.
+    """
+    by_day: dict[date, dict[str, str]] = {}
+    for one in outcomes:
+        by_day.setdefault(one.day, {})[one.dataset.key] = one.state
+    try:
+        (mirror / ANSWERS).mkdir(parents=True, exist_ok=True)
+        for day, states in by_day.items():
+            path = mirror / ANSWERS / f"{day}.json"
+            staged = path.with_suffix(f".{os.getpid()}")
+            staged.write_text(json.dumps(answers_of(day, mirror) | states, sort_keys=True), encoding="utf-8")
+            staged.replace(path)
+    except OSError as error:
+        raise StoreError(f"mirror {mirror} cannot be written ({error.strerror}): make room and run again") from error
+
+
+def answers_of(day: date, mirror: Path) -> dict[str, str]:
+    """What the archive answered last about a day, by data set; empty where it was never asked."""
+    try:
+        found = json.loads((mirror / ANSWERS / f"{day}.json").read_text(encoding="utf-8"))
+    except (FileNotFoundError, ValueError):  # a damaged note costs another request, no more
+        return {}
+    return {str(name): str(state) for name, state in found.items()}
+
+
+class Mirror:
+    """The mirror as one run sees it: each folder is listed once.
+
+    Parameters
+    ----------
+    settings : Settings
+    """
+
+    def __init__(self, settings: Settings) -> None:
+        self._settings = settings
+        self._root = settings.mirror_root
+        self._names: dict[Path, tuple[str, ...]] = {}
+        self._datasets = find_datasets(())
+
+    def day(self, day: date) -> DayFiles:
+        """Which files of the mirror a day is read from.
+
+        Parameters
+        ----------
+        day : datetime.date
+
+        Returns
+        -------
+        DayFiles
+
+        Raises
+        ------
+        StoreError
+            If the mirror, or a file in it, cannot be read.
+        """
+        try:
+            found = {
+                (dataset.key, other): self.newest(dataset, other)
+                for dataset in self._datasets
+                for other in (day - DAY, day, day + DAY)
+            }
+            asked = answers_of(day, self._root)
+        except OSError as error:
+            raise StoreError(f"mirror {self._root} cannot be read ({error}): repair it and run again") from error
+        own = {key for (key, other), source in found.items() if source and other == day}
+        known = sorted(source for source in found.values() if source) if own else []
+        text = "\n".join(sorted({source.sha256 for _, source in known}))
+        covering = [one.key for one in self._datasets if one.covers(day) and one.key not in own]
+        silent = tuple(key for key in covering if asked.get(key, UNREACHABLE) == UNREACHABLE)
+        files = DayFiles(
+            day,
+            tuple(path for path, _ in known),
+            tuple(source for _, source in known),
+            hashlib.sha256(text.encode()).hexdigest(),
+            silent if asked else (NOT_ASKED,) if not own else (),
+        )
+        return with_surroundings(files, self._settings)
+
+    def newest(self, dataset: Dataset, day: date) -> "tuple[Path, SourceFile] | None":
+        """Newest whole file of a data set and day; None where there is none.
+
+        Parameters
+        ----------
+        dataset : Dataset
+        day : datetime.date
+
+        Returns
+        -------
+        tuple of (Path, SourceFile), or None
+
+        Raises
+        ------
+        OSError
+            If the folder or the file cannot be read.
+        """
+        stamp = f"{day:%Y%m%d}"
+        found = [
+            (version, self._root / folder / name)
+            for folder in dataset.folders(day)
+            for name in self._listed(self._root / folder)
+            if stamp in name and (version := dataset.version(name, day)) is not None
+        ]
+        for version, path in sorted(found, reverse=True):
+            sha256 = _sha256_if_whole(path)
+            if sha256 is not None:
+                said = ".".join(map(str, version))
+                return path, SourceFile(dataset.key, day, said, sha256, "done", path.name)
+            log.warning("file of the mirror left out", file=path.name, reason="it is not whole")
+        return None
+
+    def _listed(self, folder: Path) -> tuple[str, ...]:
+        if folder not in self._names:
+            try:
+                self._names[folder] = tuple(sorted(entry.name for entry in folder.iterdir()))
+            except FileNotFoundError:
+                self._names[folder] = ()
+        return self._names[folder]
+
+
+def _sha256_if_whole(path: Path) -> str | None:
+    """Checksum of a file: that which was recorded when it came, else its own; None where it is cut or damaged."""
+    recorded = versions(path)
+    if recorded and recorded[-1].size_bytes == path.stat().st_size:
+        return recorded[-1].sha256
+    return None if complaint(path, path.name) else _sha256(path)
+
+
+def _sha256(path: Path) -> str:
+    with path.open("rb") as stream:
+        return hashlib.file_digest(stream, "sha256").hexdigest()
+
+
+def check_content(path: Path, source: SourceFile) -> str:
+    """Read a file through, and say what is wrong with its content.
+
+    Parameters
+    ----------
+    path : Path
+    source : SourceFile
+
+    Returns
+    -------
+    str
+        Empty where it is what its checksum says.
+
+    Raises
+    ------
+    StoreError
+        If it cannot be read: that is the disk, not the file.
+    """
+    try:
+        sha256 = _sha256(path)
+    except OSError as error:
+        raise StoreError(f"{path} cannot be read ({error.strerror}): check the disk and run again") from error
+    return "" if sha256 == source.sha256 else f"{path.name} is not what its checksum says: fetch it again"
+
+
+def with_surroundings(files: DayFiles, settings: Settings) -> DayFiles:
+    """Files of a day whose checksum changes with the wind and the regions that its bursts are compared with.
+
+    Parameters
+    ----------
+    files : DayFiles
+    settings : Settings
+
+    Returns
+    -------
+    DayFiles
+        The same one where nothing is known of them.
+    """
+    known = day_digest(files.day, settings)
+    if not known:
+        return files
+    return replace(files, inputs_hash=hashlib.sha256(f"{files.inputs_hash}{known}".encode()).hexdigest())

@@ -1,0 +1,129 @@
+"""What became of days, and whether a run has done what it was asked for."""
+
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass
+from datetime import date
+from typing import Any
+
+from bella.exceptions import BellaError
+from bella.pipeline.burst import Outcome
+from bella.records import DayAnswer
+
+NOTHING_NEW, SEARCHED, FAILED = "nothing new", "searched", "failed"
+UNANSWERED = (DayAnswer.ARCHIVE_SILENT, DayAnswer.NOT_SEARCHABLE)
+"""Answers about a day that end a run as failed: they say that something has to be mended or asked again."""
+
+
+@dataclass(frozen=True)
+class DayOutcome:
+    """What became of a day.
+
+    Attributes
+    ----------
+    day : datetime.date
+    state : str
+        "searched"; "nothing new": the same files were searched before; "failed": tried again by the next run; or the
+        answer, where there was nothing to search.
+    answer : DayAnswer or None
+        None where the run failed.
+    observatories : tuple of str
+        That had data.
+    detections, bursts : int
+        Accepted detections, and bursts that two or more spacecraft or one heard.
+    localised : tuple of Outcome
+    preliminary : tuple of Outcome
+        Of bursts that two spacecraft heard.
+    refused : tuple of (str, str)
+        Bursts that were not localised, and why.
+    message : str
+        Why it failed, could not be searched, or was searched without some files; empty otherwise.
+    """
+
+    day: date
+    state: str
+    answer: DayAnswer | None = None
+    observatories: tuple[str, ...] = ()
+    detections: int = 0
+    bursts: int = 0
+    localised: tuple[Outcome, ...] = ()
+    preliminary: tuple[Outcome, ...] = ()
+    refused: tuple[tuple[str, str], ...] = ()
+    message: str = ""
+
+
+class UnfinishedError(BellaError):
+    """Days that failed, could not be searched, or that the archive did not answer for.
+
+    Attributes
+    ----------
+    outcomes : tuple of DayOutcome
+        Of all days of the run.
+    """
+
+    def __init__(self, message: str, outcomes: Sequence[DayOutcome]) -> None:
+        super().__init__(message)
+        self.outcomes = tuple(outcomes)
+
+    def __reduce__(self) -> tuple[type["UnfinishedError"], tuple[str, tuple[DayOutcome, ...]]]:
+        return UnfinishedError, (str(self), self.outcomes)
+
+
+def check_finished(outcomes: Sequence[DayOutcome], unreachable: Sequence[str] = ()) -> None:
+    """Refuse to call a run done that is not.
+
+    Parameters
+    ----------
+    outcomes : sequence of DayOutcome
+    unreachable : sequence of str
+        Data sets that the archive did not answer for, each with the reason.
+
+    Raises
+    ------
+    UnfinishedError
+        In one line.
+    """
+    open_days = [one for one in outcomes if one.state == FAILED or one.answer in UNANSWERED]
+    if open_days:
+        first = open_days[0]
+        said = first.message or f"{first.answer}"
+        word = "days are" if len(open_days) > 1 else "day is"
+        raise UnfinishedError(f"{len(open_days)} of {len(outcomes)} {word} not done: {first.day} {said}", outcomes)
+    if unreachable:
+        number = f"{len(unreachable)} data sets" if len(unreachable) > 1 else "a data set"
+        raise UnfinishedError(f"{number} could not be asked for, run it again later: {unreachable[0]}", outcomes)
+
+
+def summary_rows(outcomes: Iterable[DayOutcome]) -> Iterator[dict[str, Any]]:
+    """One line for every day of a run.
+
+    Parameters
+    ----------
+    outcomes : iterable of DayOutcome
+
+    Yields
+    ------
+    dict
+    """
+    for one in outcomes:
+        published = (*one.localised, *one.preliminary)
+        yield {
+            "day": f"{one.day}",
+            "state": one.state,
+            "answer": one.answer.value if one.answer else None,
+            "observatories": list(one.observatories),
+            "detections": one.detections,
+            "bursts": one.bursts,
+            "localised": _bursts_of(one.localised),
+            "preliminary": _bursts_of(one.preliminary),
+            "answers": {
+                solution.burst_id: solution.answer.sentence
+                for solution in (outcome.solution for outcome in published)
+                if solution.preferred
+            },
+            "refused": [{"burst_id": name, "reason": reason} for name, reason in one.refused],
+            "message": one.message,
+        }
+
+
+def _bursts_of(outcomes: Iterable[Outcome]) -> list[str]:
+    return sorted({outcome.solution.burst_id for outcome in outcomes})

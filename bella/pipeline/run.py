@@ -1,0 +1,348 @@
+"""Runs of the pipeline: days from the mirror to published bursts, one burst, what was submitted, and housekeeping.
+
+A day is done again exactly when a file it is read from is new or has changed, or the code has. Of a burst that was
+localised before, what comes of it is the next version.
+"""
+
+import contextvars
+import time
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import closing
+from dataclasses import dataclass, field
+from datetime import date
+from typing import Any, Protocol, TypeVar
+
+import structlog
+
+import bella
+from bella.catalogue import Catalogue, SearchedDay
+from bella.exceptions import BellaError, BusyError, NoDataError
+from bella.pipeline.burst import BurstOutcome, Choice, process_burst
+from bella.pipeline.day import DAY, FoundBurst, FoundDay, KnownBurst, detection_records, known_bursts, search_day
+from bella.pipeline.draw import draw_day, redraw_day
+from bella.pipeline.inputs import load_burst
+from bella.pipeline.mirror import DayFiles, Mirror, fetch_range
+from bella.pipeline.outcome import FAILED, NOTHING_NEW, SEARCHED, DayOutcome
+from bella.pipeline.progress import counter
+from bella.pipeline.workers import Workers
+from bella.records import DayAnswer
+from bella.settings import Settings
+from bella.store import sweep
+
+log = structlog.get_logger(__name__)
+
+SEARCH, SWEEP = "search", "sweep"
+NOT_SEARCHABLE = DayAnswer.NOT_SEARCHABLE
+CHUNK_DAYS = 8
+"""Days that are fetched before the first of them is processed: a long range shows results early."""
+
+RETRY_DELAYS_S = (5.0, 30.0)
+"""Waits before an error that may pass is tried again."""
+
+T = TypeVar("T")
+
+
+@dataclass(frozen=True)
+class Run:
+    """What a run of the pipeline works with.
+
+    Attributes
+    ----------
+    settings : Settings
+    run_id : str
+        Name under which it holds leases and logs.
+    workers : Workers
+    choice : Choice
+    """
+
+    settings: Settings
+    run_id: str
+    workers: Workers
+    choice: Choice = field(default_factory=Choice)
+
+
+class Pending(Protocol):
+    """A day that is being processed."""
+
+    def result(self) -> DayOutcome:
+        """Wait for it; what went wrong is raised."""
+
+
+class Executor(Protocol):
+    """How the steps of a run are done: one after the other, side by side, or as tasks of an orchestrator."""
+
+    def fetch(self, days: Sequence[date], archive: str, settings: Settings) -> tuple[str, ...]:
+        """:func:`bella.pipeline.mirror.fetch_range`, tried again where that may help."""
+
+    def submit(self, files: DayFiles, known: Sequence[KnownBurst], run: Run) -> Pending:
+        """Begin :func:`process_day`, tried again where that may help."""
+
+
+class Direct:
+    """Executor without an orchestrator: threads that wait for the workers of the run.
+
+    Parameters
+    ----------
+    threads : int
+    sleep : callable
+        Waits so many seconds before an error that may pass is tried again.
+    """
+
+    def __init__(self, threads: int, sleep: Callable[[float], None] = time.sleep) -> None:
+        self._pool = ThreadPoolExecutor(threads)
+        self._sleep = sleep
+
+    def __enter__(self) -> "Direct":
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._pool.shutdown(cancel_futures=True)
+
+    def fetch(self, days: Sequence[date], archive: str, settings: Settings) -> tuple[str, ...]:
+        """See :class:`Executor`."""
+        return self.tried(fetch_range, days, archive, settings)
+
+    def submit(self, files: DayFiles, known: Sequence[KnownBurst], run: Run) -> Pending:
+        """See :class:`Executor`."""
+        return self._pool.submit(contextvars.copy_context().run, self.tried, process_day, files, known, run)
+
+    def tried(self, function: Callable[..., T], *arguments: Any) -> T:
+        """Result of a function; an error that may pass is tried again after a while."""
+        for delay_s in RETRY_DELAYS_S:
+            try:
+                return function(*arguments)
+            except BellaError as error:
+                if not error.retriable:
+                    raise
+                log.warning("tried again", delay_s=delay_s, reason=str(error))
+                self._sleep(delay_s)
+        return function(*arguments)
+
+
+@dataclass(frozen=True)
+class DaysDone:
+    """Days of a run, in order, and the data sets that the archive did not answer for."""
+
+    outcomes: tuple[DayOutcome, ...]
+    unreachable: tuple[str, ...] = ()
+
+
+def process_days(days: Sequence[date], archive: str | None, run: Run, executor: Executor) -> DaysDone:
+    """Process days: fetch them, search what is new, localise its bursts.
+
+    Parameters
+    ----------
+    days : sequence of datetime.date
+        In order, without a gap.
+    archive : str or None
+        URL or folder that is asked for new files first; None for the mirror as it is.
+    run : Run
+    executor : Executor
+
+    Returns
+    -------
+    DaysDone
+        One that failed does not stop the others.
+
+    Raises
+    ------
+    BellaError
+        If mirror or catalogue cannot be opened.
+    """
+    settings, unreachable = run.settings, dict[str, None]()
+    outcomes: dict[date, DayOutcome] = {}
+    pending: list[tuple[date, Pending]] = []
+    advance = counter("days", len(days))
+    with closing(Catalogue.open(settings.catalogue_url, create=True)) as catalogue:
+        sweep_store(catalogue, settings, run.run_id)
+        known = known_bursts(catalogue, days[0], days[-1])
+        for chunk in _chunks(days):
+            if archive is not None:
+                unreachable |= dict.fromkeys(executor.fetch(chunk, archive, settings))
+            mirror = Mirror(settings)
+            for files in map(mirror.day, chunk):
+                done = finished_before(files, catalogue, settings)
+                if done is None:
+                    pending.append((files.day, executor.submit(files, known, run)))
+                else:
+                    outcomes[files.day] = done
+                    advance(1)
+    for day, one in pending:
+        outcomes[day] = _awaited(day, one)
+        advance(1)
+    return DaysDone(tuple(outcomes[day] for day in days), tuple(unreachable))
+
+
+def _chunks(days: Sequence[date]) -> Iterator[Sequence[date]]:
+    for start in range(0, len(days), CHUNK_DAYS):
+        yield days[start : start + CHUNK_DAYS]
+
+
+def _awaited(day: date, pending: Pending) -> DayOutcome:
+    try:
+        return pending.result()
+    except Exception as error:
+        message = str(error) if isinstance(error, BellaError) else f"{type(error).__name__}: {error}"
+        log.warning("day failed", day=f"{day}", reason=message, exc_info=not isinstance(error, BellaError))
+        return DayOutcome(day, FAILED, message=message.partition("\n")[0])
+
+
+def finished_before(files: DayFiles, catalogue: Catalogue, settings: Settings) -> DayOutcome | None:
+    """Outcome of a day that needs no search, recorded where it is new; None where there is something to search.
+
+    Parameters
+    ----------
+    files : DayFiles
+    catalogue : Catalogue
+    settings : Settings
+
+    Returns
+    -------
+    DayOutcome or None
+    """
+    known = catalogue.searched_day(files.day)
+    if not files.paths:
+        answer = DayAnswer.ARCHIVE_SILENT if files.silent else DayAnswer.NO_DATA
+        reason = f"not known: {', '.join(files.silent)}" if files.silent else ""
+        record = SearchedDay(files.day, files.inputs_hash, bella.__version__, (), answer, reason)
+        catalogue.record_unsearched(record)
+        kept = catalogue.searched_day(files.day) or record
+        state = answer.value if kept.answer == answer else NOTHING_NEW
+        return DayOutcome(files.day, state, kept.answer, kept.observatories, message=kept.reason)
+    if known is None or (known.inputs_hash, known.code_version) != (files.inputs_hash, bella.__version__):
+        return None
+    if known.answer is not DayAnswer.NOT_SEARCHABLE and not settings.day_figure(files.day).is_file():
+        redraw_day(files, catalogue.detections_of(files.day), settings)
+    return DayOutcome(files.day, NOTHING_NEW, known.answer, known.observatories, message=known.reason)
+
+
+def process_day(files: DayFiles, known: Sequence[KnownBurst], run: Run) -> DayOutcome:
+    """Search a day, localise its bursts, record it: a day that is cut short anywhere is done again.
+
+    Parameters
+    ----------
+    files : DayFiles
+    known : sequence of (str, datetime)
+        Bursts of the catalogue before the run.
+    run : Run
+
+    Returns
+    -------
+    DayOutcome
+
+    Raises
+    ------
+    BusyError, StoreError, UnreachableError, WorkerLostError, OSError
+        Nothing is recorded of the day.
+    """
+    settings, day = run.settings, files.day
+    with (
+        structlog.contextvars.bound_contextvars(run_id=run.run_id, day=f"{day}"),
+        closing(Catalogue.open(settings.catalogue_url, create=True)) as catalogue,
+        catalogue.lease(SEARCH, f"{day}", run.run_id, settings.lease_s) as lease,
+    ):
+        try:
+            found = run.workers.call(search_day, files, known)
+        except NoDataError as error:
+            log.warning("day not searchable", reason=str(error))
+            outcome = DayOutcome(day, NOT_SEARCHABLE.value, NOT_SEARCHABLE, message=str(error).partition("\n")[0])
+            catalogue.record_day(_record_of(files, outcome), (), lease)
+            return outcome
+        given = [one for one in found.bursts if one.given is not None]
+        work = [(one.given, run.choice, settings, run.run_id) for one in given]
+        bursts = {one.burst_id: one for one in run.workers.map(process_burst, work)}
+        outcome = _outcome_of(found, bursts)
+        verdicts = {one.name: (one.burst_id, _reason(one, bursts.get(one.burst_id))) for one in found.bursts}
+        records = detection_records(found.table, verdicts)
+        run.workers.call(draw_day, day, found.spectra, records, settings)
+        catalogue.record_day(_record_of(files, outcome), records, lease)
+        return outcome
+
+
+def _record_of(files: DayFiles, outcome: DayOutcome) -> SearchedDay:
+    answer = outcome.answer or DayAnswer.NO_BURST
+    return SearchedDay(files.day, files.inputs_hash, bella.__version__, outcome.observatories, answer, outcome.message)
+
+
+def _reason(burst: FoundBurst, done: BurstOutcome | None) -> str:
+    """Why a burst of a day has no position; empty where it has."""
+    if done is None:
+        return burst.reason
+    if done.is_final:
+        return ""
+    if done.outcomes:
+        return f"{burst.reason}; a preliminary track is published"
+    return f"{burst.reason}; no preliminary track: {done.reason}" if burst.reason else f"not localisable: {done.reason}"
+
+
+def _outcome_of(found: FoundDay, bursts: dict[str, BurstOutcome]) -> DayOutcome:
+    reasons = {one.burst_id: _reason(one, bursts.get(one.burst_id)) for one in found.bursts}
+    final = tuple(each for one in bursts.values() if one.is_final for each in one.outcomes)
+    preliminary = tuple(each for one in bursts.values() if not one.is_final for each in one.outcomes)
+    nothing = DayAnswer.NOT_LOCALISABLE if found.bursts else DayAnswer.NO_BURST
+    return DayOutcome(
+        found.files.day,
+        SEARCHED,
+        DayAnswer.LOCALISED if final else nothing,
+        found.observatories,
+        int((found.table["burst_id"] != "").sum()),
+        len(found.bursts),
+        final,
+        preliminary,
+        tuple((name, reason) for name, reason in reasons.items() if reason),
+        f"left out: {'; '.join(found.damaged)}" if found.damaged else "",
+    )
+
+
+def process_subject(subject: str, run: Run) -> BurstOutcome:
+    """Localise the built-in event by its date, or a table that was submitted by its checksum.
+
+    Parameters
+    ----------
+    subject : str
+    run : Run
+
+    Returns
+    -------
+    BurstOutcome
+        With a reason where it cannot be localised.
+
+    Raises
+    ------
+    InputError
+        If there is no such event or table.
+    """
+    settings = run.settings
+    with structlog.contextvars.bound_contextvars(run_id=run.run_id, subject=subject):
+        given = load_burst(subject, settings.incoming_root)
+        with closing(Catalogue.open(settings.catalogue_url, create=True)) as catalogue:
+            sweep_store(catalogue, settings, run.run_id)
+        return process_burst(given, run.choice, settings, run.run_id)
+
+
+def sweep_store(catalogue: Catalogue, settings: Settings, run_id: str) -> list[str]:
+    """Remove from the store what killed runs have left, unless another run is doing so.
+
+    Parameters
+    ----------
+    catalogue : Catalogue
+    settings : Settings
+    run_id : str
+
+    Returns
+    -------
+    list of str
+        Removed paths.
+    """
+    try:
+        with catalogue.lease(SWEEP, "store", run_id, settings.lease_s):
+            referenced, in_use = catalogue.referenced_paths(), catalogue.held_subjects()
+            return sweep(settings.store_root, referenced, settings.lease_s, in_use)
+    except BusyError:
+        return []
+
+
+def days_between(first: date, last: date) -> tuple[date, ...]:
+    """Days of [first, last], in order."""
+    return tuple(first + number * DAY for number in range((last - first).days + 1))

@@ -1,0 +1,94 @@
+"""What all flows share: tasks that are tried again where that may help, and one line for a Prefect that is away."""
+
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from datetime import date
+from typing import Any, ParamSpec, TypeVar
+
+import httpx
+from prefect import task
+from prefect.cache_policies import NO_CACHE
+from prefect.client.schemas.objects import State, TaskRun
+from prefect.exceptions import PrefectException
+from prefect.runtime import flow_run
+from prefect.tasks import Task
+
+from bella.exceptions import BellaError, UnreachableError
+from bella.pipeline.burst import BurstOutcome
+from bella.pipeline.day import KnownBurst
+from bella.pipeline.mirror import DayFiles, fetch_range
+from bella.pipeline.outcome import DayOutcome
+from bella.pipeline.run import RETRY_DELAYS_S, Pending, Run, process_day, process_subject
+from bella.settings import Settings
+
+P = ParamSpec("P")
+R = TypeVar("R")
+
+
+def is_retriable(_task: Task[..., Any], _run: TaskRun, state: State[Any]) -> bool:
+    """Try again only where the class of the error says that trying again can help."""
+    error = state.result(raise_on_failure=False, _sync=True)  # type: ignore[call-overload]
+    return isinstance(error, BellaError) and error.retriable
+
+
+def batch(name: str) -> Callable[[Callable[P, R]], Task[P, R]]:
+    """Declare a task that retries what is retriable, and whose arguments and results stay in memory."""
+    return task(
+        name=name,
+        retries=len(RETRY_DELAYS_S),
+        retry_delay_seconds=list(RETRY_DELAYS_S),
+        retry_condition_fn=is_retriable,
+        cache_policy=NO_CACHE,
+    )
+
+
+@batch("fetch")
+def fetch(days: Sequence[date], archive: str, settings: Settings) -> tuple[str, ...]:
+    """Bring days into the mirror."""
+    return fetch_range(days, archive, settings)
+
+
+@batch("day")
+def day(files: DayFiles, known: Sequence[KnownBurst], run: Run) -> DayOutcome:
+    """Search a day and localise its bursts."""
+    return process_day(files, known, run)
+
+
+@batch("burst")
+def burst(subject: str, run: Run) -> BurstOutcome:
+    """Localise the built-in event or a submitted table."""
+    return process_subject(subject, run)
+
+
+class Tasks:
+    """Executor whose steps are tasks of the flow that is running; its task runner says how many run at a time."""
+
+    def fetch(self, days: Sequence[date], archive: str, settings: Settings) -> tuple[str, ...]:
+        """See :class:`bella.pipeline.run.Executor`."""
+        return fetch(days, archive, settings)
+
+    def submit(self, files: DayFiles, known: Sequence[KnownBurst], run: Run) -> Pending:
+        """See :class:`bella.pipeline.run.Executor`."""
+        return day.submit(files, list(known), run)
+
+
+def run_name() -> str:
+    """Name of the run of the flow, under which it holds leases and logs."""
+    return str(flow_run.get_id() or "local")
+
+
+@contextmanager
+def answering() -> Iterator[None]:
+    """One line for a Prefect server that does not answer.
+
+    Raises
+    ------
+    UnreachableError
+        In place of the errors of Prefect's client.
+    """
+    try:
+        yield
+    except (httpx.HTTPError, PrefectException) as error:
+        raise UnreachableError(
+            f"Prefect does not answer ({type(error).__name__}): see that it runs, and run again"
+        ) from error
