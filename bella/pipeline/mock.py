@@ -70,7 +70,7 @@ def run_mock_burst(settings: Settings, now: datetime | None = None) -> MockRun:
         _note(MockRun(now, datetime.now(UTC), "failed", message=str(error)), settings)
         raise
     _note(done, settings)
-    _forget(settings, now - KEPT)
+    forget_mocks(settings, now - KEPT)
     log.info("mock burst", burst_id=burst_id, off_deg=done.off_deg)
     return done
 
@@ -126,8 +126,14 @@ def _written(case: SimulatedCase) -> Iterator[DayFiles]:
         yield DayFiles(case.day, tuple(paths), tuple(sources), "mock")
 
 
-def _forget(settings: Settings, before: datetime) -> None:
-    """Remove old mock bursts, then their files, which no row names any more."""
+def forget_mocks(settings: Settings, before: datetime) -> None:
+    """Remove mock bursts that were sent earlier, then their files, which no row names any more.
+
+    Parameters
+    ----------
+    settings : Settings
+    before : datetime.datetime
+    """
     with closing(Catalogue.open(settings.catalogue_url)) as catalogue:
         for burst_id in catalogue.operation.forget_mocks(before):
             assert burst_id.startswith(PREFIX)  # noqa: S101 - real bursts are never removed

@@ -1,4 +1,4 @@
-"""Observability of a day, from its spectra: when each receiver had data, and how well those together locate a source."""
+"""Observability of a day, from its spectra: when each receiver had data, and how well they locate together."""
 
 from collections.abc import Sequence
 from datetime import date
@@ -11,8 +11,10 @@ from bella.arrivals import MIN_OBSERVATORIES
 from bella.catalogue import FleetMap, ObservedDay, ReceiverDay
 from bella.catalogue.observability import BINS, MINUTES_PER_BIN, fleet_of
 from bella.exceptions import BellaError
-from bella.multilateration.exact_map import Receivers, exact_covariance
+from bella.multilateration.exact import exact_posterior
+from bella.multilateration.exact_map import Receivers, noise_free_arrivals
 from bella.multilateration.priors import find_preset
+from bella.multilateration.solution import Recipe
 from bella.spacecraft import position_hee
 from bella.units import FloatArray
 
@@ -23,8 +25,8 @@ DISTANCES_RSUN = (20.0, 50.0, 100.0)
 LONGITUDES_DEG = tuple(float(longitude) for longitude in range(-180, 180, 10))
 PRESET = "default"
 
-WITHIN_68 = -2.0 * np.log(1.0 - 0.68)
-"""Square of the radius, in standard deviations, of the circle that holds 68 % of a Gaussian in a plane."""
+FEWEST_DRAWS = 16
+"""The size of a region is computed without draws."""
 
 LEAST_SIGMA_S, MOST_SIGMA_S = 1.0, 600.0
 """Bounds of a timing error that is taken from a cadence, s."""
@@ -109,10 +111,12 @@ def _circle(distance_rsun: float) -> FloatArray:
 
 
 def _radii(points: FloatArray, receivers: Receivers) -> tuple[float | None, ...]:
+    """Radius at each point; the region may be several pieces, such as a source and its mirror image."""
+    recipe = Recipe("posterior", find_preset(PRESET), dimensions=2, draws=FEWEST_DRAWS, seed=0)
     try:
-        covariance = exact_covariance(points, receivers, find_preset(PRESET).priors, processes=1)
+        posterior = exact_posterior(noise_free_arrivals(points, receivers), recipe, lambda _: None)
     except BellaError as error:
         log.warning("no observability at a distance", reason=str(error))
         return (None,) * len(points)
-    radius = np.sqrt(WITHIN_68 * np.sqrt(np.linalg.det(covariance)))
+    radius = np.sqrt(np.array([one.area_rsun2[0] for one in posterior.regions]) / np.pi)
     return tuple(round(float(one), 2) if np.isfinite(one) else None for one in radius)

@@ -8,7 +8,7 @@ import pytest
 
 from bella.catalogue import Catalogue, MockRun
 from bella.exceptions import BellaError
-from bella.pipeline.mock import KEPT, PREFIX, run_mock_burst
+from bella.pipeline.mock import PREFIX, forget_mocks, run_mock_burst
 from bella.settings import Settings
 from bella.store import open_group
 
@@ -46,14 +46,14 @@ def test_old_ones_are_removed_with_their_files_and_nothing_else(sent: tuple[Sett
         operation = catalogue.operation
         assert operation.forget_mocks(NOW) == ()
         assert catalogue.solution(run.solution_id)
-    later = run_mock_burst(settings, NOW + KEPT + timedelta(seconds=1))
+    forget_mocks(settings, NOW + timedelta(seconds=1))
     with closing(Catalogue.open(settings.catalogue_url)) as catalogue:
         with pytest.raises(BellaError):
             catalogue.solution(run.solution_id)
         assert catalogue.operation.times(run.solution_id) is None
-        assert catalogue.operation.last_mock() == later
-        assert catalogue.operation.solutions() == 1
-    assert [path.name for path in settings.store_root.glob(f"{PREFIX}*")] == [later.burst_id]
+        assert catalogue.operation.last_mock() is None
+        assert catalogue.operation.solutions() == 0
+    assert list(settings.store_root.glob(f"{PREFIX}*")) == []
     assert not (settings.figures_root / run.burst_id).exists()
 
 
