@@ -16,7 +16,7 @@ from api.rendering import render
 from api.schemas import day_links
 from api.service import CatalogueHere, ServiceHere
 from api.wording import NOT_COMPARED
-from bella.catalogue import BurstQuery, Catalogue, DayPage, DaySummary, Detection
+from bella.catalogue import BurstQuery, Catalogue, DayPage, DaySummary, Detection, ObservedDay
 from bella.exceptions import InputError, NoDataError
 from bella.flags import REJECTED
 from bella.records import REAL_ORIGINS, Origin
@@ -97,7 +97,16 @@ def day_page(request: Request, day: str, service: ServiceHere, catalogue: Catalo
         rejected=[one for one in found if one.tier == REJECTED],
         before=before,
         after=after,
+        observed=_observed(catalogue, wanted),
     )
+
+
+def _observed(catalogue: Catalogue, day: date) -> ObservedDay | None:
+    """Observability of a day; None where it was searched before there was one."""
+    try:
+        return catalogue.operation.observed(day)
+    except NoDataError:
+        return None
 
 
 def _with_page(catalogue: Catalogue, day: date) -> frozenset[str]:

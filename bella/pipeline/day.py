@@ -9,6 +9,7 @@ import pandas as pd
 import structlog
 import xarray as xr
 
+from bella.archive import received
 from bella.bursts.association import (
     FEWEST_SPACECRAFT,
     LEAST_LOW,
@@ -274,6 +275,7 @@ def time_members(
         channel_arrivals=_channel_tables(kept),
         directions=_directions(members, burst, record),
         origin=origin_of(member.searched.over for member in members),
+        received=received(files.paths),
     )
 
 

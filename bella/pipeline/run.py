@@ -23,6 +23,7 @@ from bella.pipeline.day import DAY, FoundBurst, FoundDay, KnownBurst, detection_
 from bella.pipeline.draw import draw_day, redraw_day
 from bella.pipeline.inputs import load_burst
 from bella.pipeline.mirror import DayFiles, Mirror, fetch_range
+from bella.pipeline.observability import observed_day
 from bella.pipeline.outcome import FAILED, NOTHING_NEW, SEARCHED, DayOutcome
 from bella.pipeline.progress import counter
 from bella.pipeline.workers import Workers
@@ -256,6 +257,7 @@ def process_day(files: DayFiles, known: Sequence[KnownBurst], run: Run) -> DayOu
         verdicts = {one.name: (one.burst_id, _reason(one, bursts.get(one.burst_id))) for one in found.bursts}
         records = detection_records(found.table, verdicts)
         run.workers.call(draw_day, day, found.spectra, records, settings)
+        catalogue.operation.record_observed(run.workers.call(observed_day, day, found.spectra), files.inputs_hash)
         catalogue.record_day(_record_of(files, outcome), records, lease)
         return outcome
 
