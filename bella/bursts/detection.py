@@ -71,6 +71,10 @@ CLEAR_MARGIN = 1.2
 FAST_MARGIN = 1.1
 """Where they tell, a fit without drift may be better by this: fast beams take a minute through most channels."""
 
+SLOW_MARGIN = 0.05
+"""Added to it, and to that of an upward drift, for each further minute that shares a sample: a receiver that looks every
+three minutes sees no drift that takes less."""
+
 NARROW, LONGEST, LONGEST_ABOVE = 20, 2.7, 2.0
 """What fewer channels see may last at one frequency so many times as long as a burst, a minute and two decay times; the
 second number where it is not seen below `WIDE_BELOW_MHZ`. Arcs of Jupiter and lanes of Type II bursts last longer."""
@@ -148,7 +152,7 @@ def search(spectrum: xr.Dataset) -> Searched:
     """
     over = over_quiet(spectrum)
     grid = search_grid(over)
-    match = drift_match(channel_match(grid.excess_db, grid.noise_db, grid.revisit))
+    match = drift_match(channel_match(grid.excess_db, grid.noise_db, grid.revisit), grid.revisit)
     reason = why_not_searchable(grid)
     found = () if reason else tuple(_lasting_judged(grid, one) for one in candidates(match))
     return Searched(over, grid, match, found, reason)
@@ -175,7 +179,9 @@ def why_not_searchable(grid: SearchGrid) -> str:
     if above >= LEAST_SUPPORT or (some >= LEAST_ABOVE and np.count_nonzero(measured) >= LEAST_LONG):
         return ""
     if (slow > LONGEST_REVISIT_MINUTES).any():
-        return f"its records are {60.0 * float(np.median(slow[slow > LONGEST_REVISIT_MINUTES])):.0f} s apart, too coarse"
+        return (
+            f"its records are {60.0 * float(np.median(slow[slow > LONGEST_REVISIT_MINUTES])):.0f} s apart, too coarse"
+        )
     return (
         f"it has data in {above} of the {LEAST_SUPPORT} search channels that a burst needs between "
         f"{SUPPORT_ABOVE_MHZ:g} and {HIGHEST_MHZ:g} MHz"
@@ -243,7 +249,7 @@ def candidate_at(match: Match, record: int) -> Candidate:
     """
     drift = int(match.score[: len(BEAM_SPEEDS_C), record].argmax())
     score, hit = float(match.score[drift, record]), _longest_run(match.hit[drift, record], match.measured)
-    reason = _why_none(hit, score, _undrifting(match, record))
+    reason = _why_none(hit, score, _undrifting(match, record), match.revisit)
     return Candidate(record, drift, score, hit, reason)
 
 
@@ -253,7 +259,7 @@ def _undrifting(match: Match, record: int) -> tuple[float, float]:
     return float(around[0].max()), float(around[1:].max())
 
 
-def _why_none(hit: npt.NDArray[np.bool_], score: float, undrifting: tuple[float, float]) -> str:
+def _why_none(hit: npt.NDArray[np.bool_], score: float, undrifting: tuple[float, float], revisit: float) -> str:
     """Reason why a candidate is no burst; empty if it is one."""
     standing, rising = undrifting
     if np.count_nonzero(hit & (FREQUENCY_MHZ > SUPPORT_ABOVE_MHZ)) < LEAST_SUPPORT:
@@ -261,7 +267,8 @@ def _why_none(hit: npt.NDArray[np.bool_], score: float, undrifting: tuple[float,
         is_long = np.count_nonzero(hit) >= LEAST_LONG
         return "" if is_above and is_long and score >= CLEAR_MARGIN * max(undrifting) else NO_SUPPORT
     if np.count_nonzero(hit & (FREQUENCY_MHZ < WIDE_BELOW_MHZ)) >= LEAST_WIDE:
-        drifts = standing <= FAST_MARGIN * score and rising <= score
+        blurred = 1.0 + SLOW_MARGIN * (revisit - 1.0)
+        drifts = standing <= FAST_MARGIN * blurred * score and rising <= blurred * score
     else:
         drifts = CLEAR_MARGIN * max(undrifting) <= score
     return "" if drifts else NO_DRIFT

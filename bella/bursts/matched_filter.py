@@ -226,6 +226,8 @@ class Match(NamedTuple):
     """Which channels see it, bool, shape (drifts, minutes, CHANNELS)."""
     measured: npt.NDArray[np.bool_]
     """Which channels have data at all, bool, shape (CHANNELS,)."""
+    revisit: float = 1.0
+    """Minutes that share one sample, median of the channels: a drift by less is not seen."""
 
 
 @lru_cache(maxsize=1)
@@ -293,7 +295,9 @@ def channel_match(excess_db: FloatArray, noise_db: FloatArray, revisit: FloatArr
         enough = (in_weight > 0.5) & (early_weight > 0.5)
         # minutes that share a sample have its noise in common
         variance = np.minimum(shared[channel] * in_square, 1.0) if shared[channel] > 1.0 else in_square
-        variance = variance + (np.minimum(shared[channel] * early_square, 1.0) if shared[channel] > 1.0 else early_square)
+        variance = variance + (
+            np.minimum(shared[channel] * early_square, 1.0) if shared[channel] > 1.0 else early_square
+        )
         sd = noise_db[channel] * np.sqrt(variance)
         match[enough, channel] = (inside - earlier)[enough] / sd[enough]
     return match
@@ -319,13 +323,15 @@ def _forward(series: FloatArray, taps: FloatArray, first: int) -> FloatArray:
     return np.asarray(summed[begin : begin + series.size])
 
 
-def drift_match(match: FloatArray) -> Match:
+def drift_match(match: FloatArray, revisit: FloatArray | float = 1.0) -> Match:
     """Score of every drift at every minute.
 
     Parameters
     ----------
     match : numpy.ndarray, shape (N, CHANNELS)
         As from :func:`channel_match`.
+    revisit : numpy.ndarray, shape (CHANNELS,), or float
+        Minutes that share one sample.
 
     Returns
     -------
@@ -341,4 +347,6 @@ def drift_match(match: FloatArray) -> Match:
     hit = known & (shifted > HIT)
     number = np.maximum(known.sum(axis=2), 1)
     score = clipped.sum(axis=2) / np.sqrt(number) * np.minimum(1.0, hit.sum(axis=2) / ENOUGH_HITS)
-    return Match(score, hit, np.asarray(np.isfinite(match).any(axis=0)))
+    measured = np.asarray(np.isfinite(match).any(axis=0))
+    shared = np.broadcast_to(revisit, CHANNELS)[measured]
+    return Match(score, hit, measured, float(np.median(shared)) if shared.size else 1.0)

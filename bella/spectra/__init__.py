@@ -1,4 +1,4 @@
-"""Dynamic spectra: their form, reading them from files, their background, known quirks, and those of the built-in event."""
+"""Dynamic spectra: their form, reading them from files, their background, quirks of instruments, the built-in event."""
 
 from bella.spectra.background import Background, decibels, over_background, quiet_level
 from bella.spectra.cf_files import event_spectra, from_radiospectra, to_radiospectra
@@ -15,6 +15,7 @@ from bella.spectra.dynamic_spectrum import (
 from bella.spectra.positions import ReceiverPosition, receiver_position
 from bella.spectra.products import PRODUCTS, Product, find_product, open_spectra
 from bella.spectra.quirks import Quirk, quirks
+from bella.spectra.user import UserDay, UserFolder, user_days
 
 __all__ = [
     "PRODUCTS",
@@ -23,6 +24,8 @@ __all__ = [
     "Product",
     "Quirk",
     "ReceiverPosition",
+    "UserDay",
+    "UserFolder",
     "by_observatory",
     "combine_receivers",
     "decibels",
@@ -41,5 +44,6 @@ __all__ = [
     "relative_power",
     "sample_times",
     "to_radiospectra",
+    "user_days",
     "validate_spectrum",
 ]
