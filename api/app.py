@@ -10,7 +10,19 @@ from fastapi.staticfiles import StaticFiles
 
 from api.errors import DESCRIBED, install_error_handlers
 from api.headers import install_headers
-from api.routers import arrivals, bursts, days, detections, figures, health, observability, pages, solutions, status
+from api.routers import (
+    arrivals,
+    bursts,
+    days,
+    detections,
+    figures,
+    health,
+    observability,
+    pages,
+    quirks,
+    solutions,
+    status,
+)
 from api.service import Service
 from bella import __version__
 from bella.logs import log_to
@@ -46,7 +58,19 @@ def create_app(settings: Settings | None = None) -> FastAPI:
     app.state.service = Service(settings)
     install_error_handlers(app)
     install_headers(app)
-    for module in (bursts, detections, solutions, figures, arrivals, health, status, observability, days, pages):
+    for module in (
+        bursts,
+        detections,
+        solutions,
+        figures,
+        arrivals,
+        quirks,
+        health,
+        status,
+        observability,
+        days,
+        pages,
+    ):
         app.include_router(module.router)
     app.mount("/static", StaticFiles(directory=STATIC), name="static")
     return app

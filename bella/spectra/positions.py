@@ -5,15 +5,17 @@ records of the spectrum, and turned to HEE only when asked for.
 """
 
 from collections.abc import Sequence
+from typing import Literal, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 import xarray as xr
 from scipy.interpolate import make_interp_spline
 
-from bella.exceptions import InputError
-from bella.spacecraft import BODIES, OBSERVATORIES, coverage, hee_from, position, require_agreement
-from bella.spectra.cdf import CdfFile, TimeArray
+from bella.exceptions import NoDataError
+from bella.spacecraft import BODIES, OBSERVATORIES, coverage, hee_from, position
+from bella.spacecraft.ephemeris import WIND_SYSTEMATIC_RSUN
+from bella.spectra.cdf import TimeArray
 from bella.spectra.dynamic_spectrum import GEOCENTRIC, POSITION
 from bella.units import R_SUN_KM, FloatArray
 
@@ -21,44 +23,27 @@ REACH_S = 1800.0
 """How far from a stated position one is taken from it; between positions an hour apart a line is good to 150 km at
 0.28 au."""
 
-KILOMETRES = ("", "km", "kilometer", "kilometers", "kilometre", "kilometres")
 EARTH_RADIUS_KM = 6378.137
 
+TOLERANCE_KM = 50_000.0
+"""How far apart file and ephemeris may be: 0.17 s of light. Predicted and reconstructed trajectories differ by less."""
 
-def read_positions(cdf: CdfFile, spectrum: xr.Dataset, time: TimeArray, variables: Sequence[str]) -> xr.Dataset:
-    """Keep the positions of a CDF with the spectrum read from it.
+WIND_TOLERANCE_KM = 3.0 * WIND_SYSTEMATIC_RSUN * R_SUN_KM
+"""Of Wind, whose orbit about L1 the ephemeris does not have."""
 
-    Parameters
-    ----------
-    cdf : CdfFile
-        The open file.
-    spectrum : xarray.Dataset
-        Dynamic spectrum.
-    time : numpy.ndarray
-        datetime64[ns], UTC, of the records of the file.
-    variables : sequence of str
-        Names to look for, the best first; each ends in its frame, such as ``SC_POS_HEE``.
+DISAGREEMENT_FLAG = "position_disagrees"
 
-    Returns
-    -------
-    xarray.Dataset
-        With ``position_km``, from the first variable that holds positions in km; as it was where none does.
 
-    Raises
-    ------
-    InputError
-        If there is not one position for each record.
-    """
-    for name in variables:
-        if not cdf.has_records(name) or cdf.attribute("UNITS", name).lower() not in KILOMETRES:
-            continue
-        stated_km = cdf.numbers(name, 2).astype(np.float64)
-        if stated_km.shape != (time.size, 3):
-            raise InputError(f"{cdf.name}: {name} has the shape {stated_km.shape}, not {(time.size, 3)}")
-        placed = with_positions(spectrum, time, stated_km, name.rsplit("_", 1)[-1].lower())
-        if POSITION in placed:
-            return placed
-    return spectrum
+class ReceiverPosition(NamedTuple):
+    """Where a receiver was."""
+
+    position_rsun: FloatArray
+    """Shape (3,), solar radii, HEE."""
+    source: Literal["file", "ephemeris"]
+    difference_km: float
+    """Between file and ephemeris; NaN where one of them has no position."""
+    flag: str
+    """``position_disagrees`` where they differ by more than the tolerance, and the ephemeris is taken; else empty."""
 
 
 def with_positions(spectrum: xr.Dataset, time: TimeArray, position_km: FloatArray, frame: str) -> xr.Dataset:
@@ -112,10 +97,8 @@ def join_positions(joined: xr.Dataset, parts: Sequence[xr.Dataset]) -> xr.Datase
     return with_positions(joined, time, np.concatenate([one.to_numpy() for one in alike]), frame)
 
 
-def given_position_hee(
-    spectrum: xr.Dataset, utc: np.datetime64, tolerance_km: float | None = None
-) -> FloatArray | None:
-    """Where the file of a spectrum says that the spacecraft was.
+def receiver_position(spectrum: xr.Dataset, utc: np.datetime64) -> ReceiverPosition:
+    """Where the receiver of a spectrum was: as its file says where the ephemeris does not contradict, else as that says.
 
     Parameters
     ----------
@@ -123,34 +106,42 @@ def given_position_hee(
         Dynamic spectrum.
     utc : numpy.datetime64
         The instant, and the epoch of the frame.
-    tolerance_km : float, optional
-        How far from the ephemeris it may be, where that has the spacecraft at that time; default 50 000 km (0.17 s of
-        light), for Wind three solar radii.
 
     Returns
     -------
-    numpy.ndarray or None
-        Shape (3,), solar radii, HEE of `utc`; None where the spectrum has no position within half an hour.
+    ReceiverPosition
 
     Raises
     ------
-    InputError
-        If it is farther from the ephemeris than the tolerance.
     NoDataError
-        If the position is in another frame than HEE and the ephemeris does not have Earth then.
+        If neither file nor ephemeris has a position then.
     """
+    instant = np.asarray([utc], dtype="datetime64[ns]")
+    name = str(spectrum.attrs["observatory"])
+    known = position(name, instant, "hee")[0] if _in_ephemeris(name, instant[0]) else None
+    stated = _stated_rsun(spectrum, instant)
+    if stated is None and known is None:
+        raise NoDataError(
+            f"no position of {name} is known at {np.datetime_as_string(instant[0], 's')}: give its spectrum the "
+            "variable 'position_km', or name a spacecraft of 'bella ephemeris'"
+        )
+    if stated is None or known is None:
+        there = known if stated is None else stated
+        return ReceiverPosition(np.asarray(there), "ephemeris" if stated is None else "file", float("nan"), "")
+    difference_km = float(np.linalg.norm(stated - known)) * R_SUN_KM
+    if difference_km > (WIND_TOLERANCE_KM if name == "WIND" else TOLERANCE_KM):
+        return ReceiverPosition(np.asarray(known), "ephemeris", difference_km, DISAGREEMENT_FLAG)
+    return ReceiverPosition(stated, "file", difference_km, "")
+
+
+def _stated_rsun(spectrum: xr.Dataset, instant: TimeArray) -> FloatArray | None:
     if POSITION not in spectrum:
         return None
-    instant = np.asarray([utc], dtype="datetime64[ns]")
     stated = spectrum[POSITION]
     placed_km = positions_at(instant, spectrum["time"].to_numpy(), stated.to_numpy())
     if not np.isfinite(placed_km).all():
         return None
-    placed_rsun = _in_hee(placed_km / R_SUN_KM, str(stated.attrs["frame"]).lower(), instant[0])
-    observatory = str(spectrum.attrs["observatory"])
-    if _in_ephemeris(observatory, instant[0]):
-        require_agreement(observatory, instant, placed_rsun * R_SUN_KM, "hee", tolerance_km)
-    return np.asarray(placed_rsun[0])
+    return np.asarray(_in_hee(placed_km / R_SUN_KM, str(stated.attrs["frame"]).lower(), instant[0])[0])
 
 
 def positions_at(time: TimeArray, known: TimeArray, position_km: FloatArray) -> FloatArray:
