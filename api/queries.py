@@ -2,7 +2,7 @@
 
 from dataclasses import replace
 from datetime import UTC, date, datetime
-from typing import Annotated, Literal
+from typing import Annotated
 from urllib.parse import urlencode
 
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, field_validator
@@ -118,12 +118,6 @@ class SolutionChoice(_Query):
     method: str | None = Field(None, description="Method, such as posterior or nuts.")
     preset: str | None = Field(None, description="Preset, such as default, paper or bella-2024.")
     version: int | None = Field(None, ge=1, description="Version; without it, the newest.")
-
-
-class TrackChoice(SolutionChoice):
-    """Which solution, and in which format."""
-
-    format: Literal["json", "csv"] | None = Field(None, description="Format; without it, as the Accept header says.")
 
 
 class SeriesChoice(_Query):

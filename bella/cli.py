@@ -239,13 +239,14 @@ def serve(
     import uvicorn
 
     from api.app import create_app
+    from api.reason_phrases import PhrasedProtocol
 
     settings = settings_of(home)
     log_to(None)
     settings.home.mkdir(parents=True, exist_ok=True)
     open_catalogue(settings, create=True).close()
     err.print(f"Catalogue of {settings.home.resolve()} on http://{host}:{port}")
-    uvicorn.run(create_app(settings), host=host, port=port, log_level="warning")
+    uvicorn.run(create_app(settings), host=host, port=port, log_level="warning", http=PhrasedProtocol)
 
 
 @app.command(epilog="Example: bella status --json")

@@ -189,7 +189,7 @@ TRACKS = Schema(
 
 DETECTIONS = Schema(
     "detections",
-    "Bursts as single spacecraft received them",
+    "Bursts as each spacecraft received them",
     "start_utc",
     (
         OBSERVATORY,
