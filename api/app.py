@@ -16,12 +16,14 @@ from api.routers import (
     days,
     detections,
     figures,
+    hapi,
     health,
     observability,
     pages,
     quirks,
     solutions,
     status,
+    tables,
 )
 from api.service import Service
 from bella import __version__
@@ -64,6 +66,8 @@ def create_app(settings: Settings | None = None) -> FastAPI:
         solutions,
         figures,
         arrivals,
+        tables,
+        hapi,
         quirks,
         health,
         status,

@@ -8,7 +8,8 @@ from typing import Any
 import h11
 import uvicorn
 from fastapi import FastAPI
-from uvicorn.protocols.http.h11_impl import H11Protocol
+
+from api.reason_phrases import PhrasedProtocol
 
 HEAD_S, BODY_S = 10.0, 30.0
 """Longest time that a client may take to send the head of a request, and its body of at most a few MB."""
@@ -18,7 +19,7 @@ MOST_CONNECTIONS = 500
 LARGEST_HEAD_BYTES = 16_384
 
 
-class TimedProtocol(H11Protocol):
+class TimedProtocol(PhrasedProtocol):
     """HTTP/1.1 that closes a connection whose client is too slow; uvicorn itself waits for ever."""
 
     _patience: asyncio.TimerHandle | None = None
