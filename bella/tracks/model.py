@@ -28,6 +28,9 @@ the fast wind of the ecliptic (Larrodera & Cid 2020, A&A 635, A44, doi:10.1051/0
 LN_RANGE = (0.0, 7.0)
 """Limits of ln r: 1 to 1100 solar radii."""
 
+NEAREST_RSUN = 0.3
+"""Added in quadrature to distances from sources to receivers: at a receiver, directions have no derivative."""
+
 STEP = 1e-4
 """Step of numerical derivatives, in standard deviations of the prior."""
 
@@ -179,8 +182,8 @@ class _Sight:
         x, y = receiver_rsun[:, 0], receiver_rsun[:, 1]
         above = x * cosine + y * sine - range_rsun  # of the receiver over the source, along the direction from the Sun
         aside = y * cosine - x * sine
-        distance = np.sqrt(above**2 + aside**2 + receiver_rsun[:, 2] ** 2)
-        inverse = 1 / np.maximum(distance, 1e-9)
+        distance = np.sqrt(above**2 + aside**2 + receiver_rsun[:, 2] ** 2 + NEAREST_RSUN**2)
+        inverse = 1 / distance
         mu = above * inverse
         turn = range_rsun * aside * inverse
         return cls(distance, mu, -mu, -turn, (mu**2 - 1) * inverse, aside * inverse + mu * turn * inverse)
