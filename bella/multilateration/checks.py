@@ -27,13 +27,17 @@ from scipy.special import chdtrc, ndtr
 from bella.arrivals import ArrivalGrid
 from bella.flags import NOT_CONSTRAINED
 from bella.heliosphere.scattering import DirectionalDelay, one_minus_cosine
-from bella.multilateration.posterior import Draws
+from bella.multilateration.posterior import Draws, Recipe, log_evidence
 from bella.multilateration.priors import Priors
-from bella.multilateration.problems import IntArray
+from bella.multilateration.problems import IntArray, LateClocks
 from bella.units import C_RSUN_S, DAY_S, FloatArray
 
 SIGNIFICANT_SD = 3.0
 """An offset of so many of its standard deviations is flagged."""
+DOUBTFUL_SD = 2.0
+"""From so many on positions allow for a late clock: below three, offsets that matter are missed half of the time."""
+TYPICAL_OFFSET_S = 20.0
+"""Size of an offset where a clock is off: between a sample of a receiver and an error of the time scale."""
 ALIKE_CHI2 = 4.0
 """Receivers whose offsets lower chi-squared by so much less than the best one's, two standard deviations, may be it."""
 FREQUENCIES = 40
@@ -68,13 +72,26 @@ class ClockCheck:
     ----------
     offset_s, offset_sd_s : ndarray, shape (n,)
         How late each receiver is if it alone is, and its standard deviation; NaN where no receiver is redundant.
+    chi2 : ndarray, shape (n,)
+        By how much the offset of each lowers chi-squared.
     message : str
         Which clock is off and by how much, in words; empty where none is.
     """
 
     offset_s: FloatArray
     offset_sd_s: FloatArray
+    chi2: FloatArray
     message: str
+
+    @property
+    def is_doubtful(self) -> bool:
+        """Whether a clock may be off, so that positions have to allow for it."""
+        return bool(self.chi2.max() > DOUBTFUL_SD**2)
+
+
+def _suspects(chi2: FloatArray) -> IntArray:
+    order = np.argsort(-chi2, kind="stable")
+    return np.asarray(order[chi2[order] > chi2.max() - ALIKE_CHI2], dtype=np.intp)
 
 
 def check_clocks(grid: ArrivalGrid, position_rsun: FloatArray, priors: Priors, delay: DirectionalDelay) -> ClockCheck:
@@ -96,17 +113,47 @@ def check_clocks(grid: ArrivalGrid, position_rsun: FloatArray, priors: Priors, d
     heard = np.isfinite(grid.arrival_s).sum(axis=1)
     none = np.full(len(grid.observatories), np.nan)
     if not (heard > dimensions + 1).any():
-        return ClockCheck(none, none, "")
+        return ClockCheck(none, none, np.zeros(none.size), "")
     rows = np.unique(np.linspace(0, heard.size - 1, min(FREQUENCIES, heard.size)).astype(np.intp))
-    some, position, late_s = grid.take(rows), position_rsun[rows], np.zeros(none.size)
-    for _ in range(STEPS):
-        position, offset_s, offset_sd_s = _fitted(some, position, late_s, priors, delay)
-        gain = np.nan_to_num((offset_s / offset_sd_s) ** 2)
-        worst = int(gain.argmax())
-        late_s = np.where(np.arange(none.size) == worst, offset_s, 0.0)
-    suspects = np.flatnonzero(gain > gain[worst] - ALIKE_CHI2)
-    message = "" if gain[worst] < SIGNIFICANT_SD**2 else _message(grid, suspects, offset_s, offset_sd_s)
-    return ClockCheck(offset_s, offset_sd_s, message)
+    some, offset_s, offset_sd_s = grid.take(rows), none.copy(), none.copy()
+    for which in range(none.size):
+        position, late_s = position_rsun[rows], np.zeros(none.size)
+        for _ in range(STEPS):
+            position, fitted_s, fitted_sd_s = _fitted(some, position, late_s, priors, delay)
+            late_s[which] = np.nan_to_num(fitted_s[which])
+        offset_s[which], offset_sd_s[which] = fitted_s[which], fitted_sd_s[which]
+    chi2 = np.nan_to_num((offset_s / offset_sd_s) ** 2)
+    significant = chi2.max() >= SIGNIFICANT_SD**2
+    message = _message(grid, _suspects(chi2), offset_s, offset_sd_s) if significant else ""
+    return ClockCheck(offset_s, offset_sd_s, chi2, message)
+
+
+def late_clocks(grid: ArrivalGrid, check: ClockCheck, recipe: Recipe) -> LateClocks:
+    """Noise in which one clock is late or none, each as likely as all arrival times of the burst say.
+
+    Before the data a late clock and none are equally likely, and an offset is of the order of `TYPICAL_OFFSET_S`.
+
+    At a frequency the components would be weighted by its own arrival times once more: their evidence is taken off.
+
+    Parameters
+    ----------
+    grid : ArrivalGrid
+    check : ClockCheck
+        With offsets that are known.
+    recipe : Recipe
+
+    Returns
+    -------
+    LateClocks
+    """
+    number = len(grid.observatories)
+    chosen = np.eye(number + 1, number, k=-1)  # first that no clock is late
+    late_s, late_sd_s = chosen * check.offset_s, chosen * check.offset_sd_s
+    own = np.stack([log_evidence(grid, recipe, *one) for one in zip(late_s, late_sd_s, strict=True)])
+    occam = np.append(0.0, np.log(check.offset_sd_s / TYPICAL_OFFSET_S / number))
+    log_weight = own.sum(axis=1) + occam
+    log_weight = log_weight - np.logaddexp.reduce(log_weight)
+    return LateClocks(late_s, late_sd_s, log_weight[:, None] - own)
 
 
 def _fitted(
@@ -159,10 +206,9 @@ def _linearised(
 
 def _message(grid: ArrivalGrid, suspects: IntArray, offset_s: FloatArray, offset_sd_s: FloatArray) -> str:
     """Which clocks may be off, the likeliest first."""
-    order = suspects[np.argsort(-np.abs(offset_s[suspects] / offset_sd_s[suspects]))]
     ahead_s = _tt_less_utc(grid.reference_utc)
     parts = []
-    for which in order:
+    for which in suspects:
         words = "late" if offset_s[which] > 0 else "early"
         text = f"{grid.observatories[which]} is {words} by {abs(offset_s[which]):.1f} ± {offset_sd_s[which]:.1f} s"
         if abs(abs(offset_s[which]) - ahead_s) < SIGNIFICANT_SD * offset_sd_s[which]:
