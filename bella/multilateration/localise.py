@@ -110,7 +110,7 @@ def localise(  # noqa: PLR0913
     Returns
     -------
     xarray.Dataset
-        As :func:`bella.multilateration.solution.solution_dataset` describes.
+        As :func:`solution_dataset` describes.
 
     Raises
     ------

@@ -21,7 +21,7 @@ NARROW_SPEED_PRIOR = 0.01
 LARGEST_LOG_RATIO = 50.0
 SMALLEST_LOG_RATIO = -460.0
 """Limits of the ratio of the two priors. Only arrival times that no source explains reach them; they keep those finite
-until :mod:`bella.multilateration.flags` says so."""
+until :mod:`bella.multilateration.checks` says so."""
 WHOLE_NODES = 9
 """Nodes of the quadrature over a whole Gaussian."""
 CUT_NODES = 24
