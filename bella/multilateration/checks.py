@@ -116,7 +116,8 @@ def check_clocks(grid: ArrivalGrid, position_rsun: FloatArray, priors: Priors, d
 def late_clocks(grid: ArrivalGrid, check: ClockCheck, recipe: Recipe) -> LateClocks:
     """Noise in which one clock is late or none, each as likely as all arrival times of the burst say.
 
-    Before the data a late clock and none are equally likely, with an offset of about `Thresholds.typical_offset_s`. At a frequency the components would be weighted by its own arrival times once more: their evidence is taken off.
+    Before the data a late clock and none are equally likely, with an offset of about `Thresholds.typical_offset_s`.
+    Components would be weighted by the arrival times of a frequency once more: their evidence there is taken off.
 
     Parameters
     ----------
