@@ -12,7 +12,6 @@ import numpy as np
 import pandas as pd
 
 from bella.bursts.detection import (
-    APART_RECORDS,
     GROUP,
     Candidate,
     Searched,
@@ -22,26 +21,11 @@ from bella.bursts.detection import (
     onset_records,
     why_not_alone,
 )
-from bella.bursts.matched_filter import BEAM_SPEEDS_C, FREQUENCY_MHZ, STEP_S
+from bella.bursts.matched_filter import BEAM_SPEEDS_C, FREQUENCY_MHZ, STEP_S, THRESHOLDS
 from bella.exceptions import InputError, NoDataError
 from bella.flags import CATALOGUED, LOCALISABLE
 from bella.spacecraft import position_hee
 from bella.units import C_RSUN_S, FloatArray
-
-SLACK_S = 60.0
-"""By how much a window is wider than light travel: onsets are known to the minute."""
-
-SEED_SCORE, SEED_HITS = 6.0, 10
-FEWEST_SPACECRAFT = 3
-LEAST_SPREAD_RSUN = 10.0
-"""Spacecraft nearer to one line than this cannot tell two sides of it: 23 s of light."""
-
-LOW_MHZ, LEAST_LOW = 2.0, 4
-"""Sources are placed below this frequency, where a minute is short against light travel; so many channels there have
-to be seen by three spacecraft."""
-
-WEAK_SCORE = 16.0
-"""A spacecraft with a lower score times no edge well, and may as well have heard another burst."""
 
 SLOWEST = 0
 """Index of the slowest beam: what drifts like it, or slower, may be a lane of a Type II burst."""
@@ -59,7 +43,7 @@ class Member:
     @property
     def unfit(self) -> str:
         """Why the spacecraft does not help to place the burst; empty if it does."""
-        return self.company or ("weak" if self.candidate.score < WEAK_SCORE else "")
+        return self.company or ("weak" if self.candidate.score < THRESHOLDS.weak_score else "")
 
     @property
     def fits(self) -> bool:
@@ -204,7 +188,10 @@ def _heard_by(other: Searched, members: Sequence[Member], taken: set[tuple[str, 
 
 def _is_taken(taken: set[tuple[str, int]], observatory: str, one: Candidate) -> bool:
     """Whether another burst has a member within the minutes that count as one maximum."""
-    return any((observatory, one.record + apart) in taken for apart in range(-APART_RECORDS, APART_RECORDS + 1))
+    return any(
+        (observatory, one.record + apart) in taken
+        for apart in range(-THRESHOLDS.apart_minutes, THRESHOLDS.apart_minutes + 1)
+    )
 
 
 def _may_be_same(other: Searched, one: Candidate, member: Member) -> bool:
@@ -218,7 +205,7 @@ def _may_be_same(other: Searched, one: Candidate, member: Member) -> bool:
 
 def _window_s(first: str, second: str, utc: np.datetime64) -> float:
     apart_rsun = np.linalg.norm(_position_rsun(first, utc) - _position_rsun(second, utc))
-    return float(apart_rsun / C_RSUN_S) + SLACK_S
+    return float(apart_rsun / C_RSUN_S) + THRESHOLDS.slack_s
 
 
 def _position_rsun(observatory: str, utc: np.datetime64) -> FloatArray:
@@ -235,11 +222,11 @@ def _seeded(other: Searched, member: Member) -> list[Candidate]:
     if not records.size:
         return []
     record = int(records[other.match.score[: len(BEAM_SPEEDS_C), records].max(axis=0).argmax()])
-    if other.match.score[: len(BEAM_SPEEDS_C), record].max() < SEED_SCORE:
+    if other.match.score[: len(BEAM_SPEEDS_C), record].max() < THRESHOLDS.seed_score:
         return []
     one = candidate_at(other.match, record)
     rises = other.match.score[len(BEAM_SPEEDS_C) + 1 :, record].max()
-    return [one._replace(reason="")] if one.hit.sum() >= SEED_HITS and rises < one.score else []
+    return [one._replace(reason="")] if one.hit.sum() >= THRESHOLDS.seed_hits and rises < one.score else []
 
 
 def _judged(members: Sequence[Member]) -> AssociatedBurst:
@@ -252,17 +239,17 @@ def _why_not_localisable(members: Sequence[Member]) -> str:
     if GROUP in company.values():
         return f"not localisable: {GROUP}"
     alone = [member for member in members if member.fits]
-    if len(alone) < FEWEST_SPACECRAFT:
+    if len(alone) < THRESHOLDS.spacecraft:
         rest = "".join(f", {why} at {name}" for name, why in company.items())
-        return f"not localisable: heard by {len(members)} of {FEWEST_SPACECRAFT} spacecraft{rest}"
-    seen = np.sum([member.candidate.hit & (FREQUENCY_MHZ < LOW_MHZ) for member in alone], axis=0)
-    if np.count_nonzero(seen >= FEWEST_SPACECRAFT) < LEAST_LOW:
-        return f"not localisable: too few channels below {LOW_MHZ:g} MHz in common"
+        return f"not localisable: heard by {len(members)} of {THRESHOLDS.spacecraft} spacecraft{rest}"
+    seen = np.sum([member.candidate.hit & (THRESHOLDS.low_mhz > FREQUENCY_MHZ) for member in alone], axis=0)
+    if np.count_nonzero(seen >= THRESHOLDS.spacecraft) < THRESHOLDS.low_channels:
+        return f"not localisable: too few channels below {THRESHOLDS.low_mhz:g} MHz in common"
     if np.median([member.candidate.drift for member in alone]) <= SLOWEST:
         return "not localisable: drifts too slowly for a beam"
     utc = members[0].searched.grid.start
     where = np.array([_position_rsun(one.searched.observatory, utc) for one in alone])
-    if _spread_rsun(where) < LEAST_SPREAD_RSUN:
+    if _spread_rsun(where) < THRESHOLDS.spread_rsun:
         return "not localisable: spacecraft on a line"
     return ""
 

@@ -19,8 +19,8 @@ from bella.bursts.matched_filter import (
     BEFORE_RECORDS,
     FREQUENCY_MHZ,
     HIGHEST_MHZ,
-    LONGEST_REVISIT_MINUTES,
     STEP_S,
+    THRESHOLDS,
     Match,
     SearchGrid,
     channel_match,
@@ -51,51 +51,8 @@ DETECTION_COLUMNS = {
 """Of a detection table, with their types. ``start_utc`` is the onset at the highest frequency, ``drift`` the beam speed
 in units of c that fits best, ``burst_id`` is empty until spacecraft are compared."""
 
-THRESHOLD = 6.0
-APART_RECORDS = 4
-"""The highest of maxima this near to one another is the candidate."""
-
-SUPPORT_ABOVE_MHZ, LEAST_SUPPORT = 0.8, 6
-KILOMETRIC_BELOW_MHZ, LEAST_ABOVE, LEAST_LONG = 0.6, 3, 14
-"""A burst with less support needs some channels above Earth's kilometric radiation, many in all, and a clear drift."""
-
-WIDE_BELOW_MHZ, LEAST_WIDE = 2.0, 4
-"""Arcs of Jupiter seldom reach below this frequency; so many channels there tell a burst from one."""
-
 FEWEST_MINUTES = BEFORE_RECORDS + 2
 """Those before a rise that it is held against, and two of the rise."""
-
-CLEAR_MARGIN = 1.2
-"""By how much a drift has to fit better than any that is none where the channels alone do not tell."""
-
-FAST_MARGIN = 1.1
-"""Where they tell, a fit without drift may be better by this: fast beams take a minute through most channels."""
-
-SLOW_MARGIN = 0.05
-"""Added to it, and to that of an upward drift, for each further minute that shares a sample: a receiver that looks every
-three minutes sees no drift that takes less."""
-
-NARROW, LONGEST, LONGEST_ABOVE = 20, 2.7, 2.0
-"""What fewer channels see may last at one frequency so many times as long as a burst, a minute and two decay times; the
-second number where it is not seen below `WIDE_BELOW_MHZ`. Arcs of Jupiter and lanes of Type II bursts last longer."""
-
-DEPTH_DB = 10.0
-"""Something lasts while it is above half of its peak in dB, and no further than this below the peak."""
-
-BEFORE_S, AFTER_S = 20 * 60.0, 30 * 60.0
-"""A burst is alone if no other begins within so long before and after it."""
-
-WEAK_SHARE = 0.3
-"""Another with less than this share of its score does not count."""
-
-SECOND_PEAK_DB, SECOND_PEAK_SHARE_OF_HEIGHT = 2.0, 0.4
-"""A light curve that falls and rises again by so much, or by this share of its height if that is less, has two."""
-
-SECOND_PEAK_SHARE = 0.25
-"""If so many of the channels have two."""
-
-SMOOTHED_SHARE_OF_DECAY = 0.5
-"""Light curves are smoothed by this share of the decay time: what wavers faster is the receiver."""
 
 NO_SUPPORT, NO_DRIFT, TOO_LONG = "few_channels_above_0.8_mhz", "no_drift", "lasts_too_long"
 GROUP, GAP = "group", "gap_in_flank"
@@ -174,17 +131,18 @@ def why_not_searchable(grid: SearchGrid) -> str:
         return f"it lasts {len(grid.excess_db)} minutes, and a search needs {FEWEST_MINUTES}"
     measured = np.isfinite(grid.noise_db)
     slow = np.broadcast_to(grid.revisit, measured.shape)[~measured]
-    above = int(np.count_nonzero(measured & (FREQUENCY_MHZ > SUPPORT_ABOVE_MHZ)))
-    some = int(np.count_nonzero(measured & (FREQUENCY_MHZ > KILOMETRIC_BELOW_MHZ)))
-    if above >= LEAST_SUPPORT or (some >= LEAST_ABOVE and np.count_nonzero(measured) >= LEAST_LONG):
+    above = int(np.count_nonzero(measured & (THRESHOLDS.support_above_mhz < FREQUENCY_MHZ)))
+    some = int(np.count_nonzero(measured & (THRESHOLDS.kilometric_below_mhz < FREQUENCY_MHZ)))
+    if above >= THRESHOLDS.support_channels or (
+        some >= THRESHOLDS.kilometric_channels and np.count_nonzero(measured) >= THRESHOLDS.kilometric_all
+    ):
         return ""
-    if (slow > LONGEST_REVISIT_MINUTES).any():
-        return (
-            f"its records are {60.0 * float(np.median(slow[slow > LONGEST_REVISIT_MINUTES])):.0f} s apart, too coarse"
-        )
+    is_coarse = slow > THRESHOLDS.longest_revisit_minutes
+    if is_coarse.any():
+        return f"its records are {60.0 * float(np.median(slow[is_coarse])):.0f} s apart, too coarse"
     return (
-        f"it has data in {above} of the {LEAST_SUPPORT} search channels that a burst needs between "
-        f"{SUPPORT_ABOVE_MHZ:g} and {HIGHEST_MHZ:g} MHz"
+        f"it has data in {above} of the {THRESHOLDS.support_channels} search channels that a burst needs between "
+        f"{THRESHOLDS.support_above_mhz:g} and {HIGHEST_MHZ:g} MHz"
     )
 
 
@@ -213,7 +171,7 @@ def detect_bursts(spectrum: xr.Dataset) -> pd.DataFrame:
     return table
 
 
-def candidates(match: Match, threshold: float = THRESHOLD) -> list[Candidate]:
+def candidates(match: Match, threshold: float = THRESHOLDS.score) -> list[Candidate]:
     """Maxima of the matched filter above a threshold, in order of time.
 
     Parameters
@@ -228,8 +186,8 @@ def candidates(match: Match, threshold: float = THRESHOLD) -> list[Candidate]:
     score = match.score[: len(BEAM_SPEEDS_C)].max(axis=0)
     found: list[int] = []
     for record in np.flatnonzero(score >= threshold):
-        around = score[max(0, record - APART_RECORDS) : record + APART_RECORDS + 1]
-        if score[record] == around.max() and not (found and record - found[-1] <= APART_RECORDS):
+        around = score[max(0, record - THRESHOLDS.apart_minutes) : record + THRESHOLDS.apart_minutes + 1]
+        if score[record] == around.max() and not (found and record - found[-1] <= THRESHOLDS.apart_minutes):
             found.append(int(record))
     return [candidate_at(match, record) for record in found]
 
@@ -255,34 +213,38 @@ def candidate_at(match: Match, record: int) -> Candidate:
 
 def _undrifting(match: Match, record: int) -> tuple[float, float]:
     """Best scores of no drift and of an upward drift around a minute."""
-    around = match.score[len(BEAM_SPEEDS_C) :, max(0, record - APART_RECORDS) : record + APART_RECORDS + 1]
+    around = match.score[
+        len(BEAM_SPEEDS_C) :, max(0, record - THRESHOLDS.apart_minutes) : record + THRESHOLDS.apart_minutes + 1
+    ]
     return float(around[0].max()), float(around[1:].max())
 
 
 def _why_none(hit: npt.NDArray[np.bool_], score: float, undrifting: tuple[float, float], revisit: float) -> str:
     """Reason why a candidate is no burst; empty if it is one."""
     standing, rising = undrifting
-    if np.count_nonzero(hit & (FREQUENCY_MHZ > SUPPORT_ABOVE_MHZ)) < LEAST_SUPPORT:
-        is_above = np.count_nonzero(hit & (FREQUENCY_MHZ > KILOMETRIC_BELOW_MHZ)) >= LEAST_ABOVE
-        is_long = np.count_nonzero(hit) >= LEAST_LONG
-        return "" if is_above and is_long and score >= CLEAR_MARGIN * max(undrifting) else NO_SUPPORT
-    if np.count_nonzero(hit & (FREQUENCY_MHZ < WIDE_BELOW_MHZ)) >= LEAST_WIDE:
-        blurred = 1.0 + SLOW_MARGIN * (revisit - 1.0)
-        drifts = standing <= FAST_MARGIN * blurred * score and rising <= blurred * score
+    if np.count_nonzero(hit & (THRESHOLDS.support_above_mhz < FREQUENCY_MHZ)) < THRESHOLDS.support_channels:
+        is_above = (
+            np.count_nonzero(hit & (THRESHOLDS.kilometric_below_mhz < FREQUENCY_MHZ)) >= THRESHOLDS.kilometric_channels
+        )
+        is_long = np.count_nonzero(hit) >= THRESHOLDS.kilometric_all
+        return "" if is_above and is_long and score >= THRESHOLDS.clear_margin * max(undrifting) else NO_SUPPORT
+    if np.count_nonzero(hit & (THRESHOLDS.wide_below_mhz > FREQUENCY_MHZ)) >= THRESHOLDS.wide_channels:
+        blurred = 1.0 + THRESHOLDS.slow_margin * (revisit - 1.0)
+        drifts = standing <= THRESHOLDS.fast_margin * blurred * score and rising <= blurred * score
     else:
-        drifts = CLEAR_MARGIN * max(undrifting) <= score
+        drifts = THRESHOLDS.clear_margin * max(undrifting) <= score
     return "" if drifts else NO_DRIFT
 
 
 def _lasting_judged(grid: SearchGrid, one: Candidate) -> Candidate:
     """The candidate, refused if it lasts too long for its frequencies."""
     band = np.flatnonzero(one.hit)
-    if one.reason or band.size >= NARROW:
+    if one.reason or band.size >= THRESHOLDS.narrow_channels:
         return one
-    is_wide = np.count_nonzero(FREQUENCY_MHZ[band] < WIDE_BELOW_MHZ) >= LEAST_WIDE
+    is_wide = np.count_nonzero(FREQUENCY_MHZ[band] < THRESHOLDS.wide_below_mhz) >= THRESHOLDS.wide_channels
     onset = onset_records(one)
     shares = [_lasting(grid, int(onset[channel]), int(channel)) for channel in band]
-    is_long = np.median(shares) > (LONGEST if is_wide else LONGEST_ABOVE)
+    is_long = np.median(shares) > (THRESHOLDS.longest if is_wide else THRESHOLDS.longest_above)
     return one._replace(reason=TOO_LONG) if is_long else one
 
 
@@ -291,7 +253,7 @@ def _lasting(grid: SearchGrid, onset: int, channel: int) -> float:
     excess_db, sample_s = grid.excess_db[:, channel], STEP_S * grid.revisit_of(channel)
     peak = _peak(excess_db, onset, channel)
     height = np.nan_to_num(excess_db[peak])
-    low = np.flatnonzero(~(excess_db > height - min(0.5 * height, DEPTH_DB)))
+    low = np.flatnonzero(~(excess_db > height - min(0.5 * height, THRESHOLDS.depth_db)))
     place = np.searchsorted(low, peak)
     first = low[place - 1] if place > 0 else -1
     last = low[place] if place < low.size else len(excess_db)
@@ -407,8 +369,11 @@ def why_not_alone(searched: Searched, one: Candidate) -> str:
     """
     for other in searched.found:
         apart_s = (other.record - one.record) * STEP_S
-        near = abs(other.record - one.record) > APART_RECORDS and -BEFORE_S < apart_s < AFTER_S
-        if near and not other.reason and other.score > WEAK_SHARE * one.score:
+        near = (
+            abs(other.record - one.record) > THRESHOLDS.apart_minutes
+            and -THRESHOLDS.before_s < apart_s < THRESHOLDS.after_s
+        )
+        if near and not other.reason and other.score > THRESHOLDS.weak_share * one.score:
             return GROUP
     grid, band, onset = searched.grid, np.flatnonzero(one.hit), onset_records(one)
     if any(_has_gap(grid, int(onset[channel]), int(channel)) for channel in band[:: max(1, band.size // 8)]):
@@ -416,7 +381,7 @@ def why_not_alone(searched: Searched, one: Candidate) -> str:
     twice = [_second_peak(grid, int(onset[channel]), int(channel)) for channel in band]
     # bursts minutes apart are one at low frequencies, where they last longer
     shares = [np.mean(twice), np.mean(twice[len(twice) // 2 :]), np.mean(twice[-(len(twice) // 4 + 1) :])]
-    return GROUP if max(shares) > SECOND_PEAK_SHARE else ""
+    return GROUP if max(shares) > THRESHOLDS.second_peak_share else ""
 
 
 def _has_gap(grid: SearchGrid, onset: int, channel: int) -> bool:
@@ -431,11 +396,14 @@ def _second_peak(grid: SearchGrid, onset: int, channel: int) -> bool:
     """Whether the light curve of a channel falls and rises again, by more than noise, within the burst."""
     window = grid.excess_db[max(0, onset - 5) : onset + 2 * _reach(channel), channel]
     window = window[np.isfinite(window)]
-    over = max(1, round(SMOOTHED_SHARE_OF_DECAY * float(decay_s(FREQUENCY_MHZ[channel])) / STEP_S))
+    over = max(1, round(THRESHOLDS.smoothed_share_of_decay * float(decay_s(FREQUENCY_MHZ[channel])) / STEP_S))
     if window.size < over + 2:
         return False
     window = np.convolve(window, np.full(over, 1.0 / over), mode="valid")
     peak = int(window.argmax())
-    least = max(min(SECOND_PEAK_DB, SECOND_PEAK_SHARE_OF_HEIGHT * window[peak]), 4 * grid.noise_db[channel])
+    least = max(
+        min(THRESHOLDS.second_peak_db, THRESHOLDS.second_peak_share_of_height * window[peak]),
+        4 * grid.noise_db[channel],
+    )
     after, before = window[peak:], window[: peak + 1][::-1]
     return any((side - np.minimum.accumulate(side)).max() > least for side in (after, before))

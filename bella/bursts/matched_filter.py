@@ -9,6 +9,7 @@ drift, and for beams that would fall into the Sun: what fits about as well witho
 leaves the Sun, or too narrow a band to tell.
 """
 
+from dataclasses import dataclass
 from functools import lru_cache
 from typing import NamedTuple
 
@@ -21,19 +22,129 @@ from bella.heliosphere import DENSITY_MODELS, emission_range_rsun
 from bella.spectra import over_background, relative_power, sample_times
 from bella.units import C_RSUN_S, FloatArray
 
+
+@dataclass(frozen=True)
+class DetectionThresholds:
+    """Numbers that decide what is a burst, what is alone, and what is the same burst at two spacecraft.
+
+    Where no other origin is named they were chosen on simulated days of seeds 1 and 2; what they reach on the days of
+    another seed is in docs/detection.md.
+
+    Attributes
+    ----------
+    score : float
+        Least score of the matched filter of a candidate, in standard deviations of noise.
+    apart_minutes : int
+        The highest of maxima this near to one another is the candidate.
+    support_above_mhz, support_channels : float, int
+        So many channels above this frequency have to see a burst: Earth's kilometric radiation stays below 0.6 MHz.
+    kilometric_below_mhz, kilometric_channels, kilometric_all : float, int, int
+        Or so many above this one, so many in all, and a clear drift.
+    wide_below_mhz, wide_channels : float, int
+        So many channels below this frequency tell a burst from arcs of Jupiter, which seldom reach below it.
+    clear_margin : float
+        By how much a drift has to fit better than any that is none where the channels alone do not tell.
+    fast_margin : float
+        Where they tell, a fit without drift may be better by this: fast beams take a minute through most channels.
+    slow_margin : float
+        Added to it, and to that of an upward drift, for each further minute that shares a sample: a receiver that looks
+        every three minutes sees no drift that takes less.
+    longest_revisit_minutes : float
+        A channel that is visited less often is not searched: of simulated bursts of 10 dB fewer than half are found
+        then.
+    narrow_channels : int
+        Candidates in fewer channels are refused if they last too long at one frequency.
+    longest, longest_above : float
+        How long, in units of a minute and two decay times; the second where it is not seen below `wide_below_mhz`. Arcs
+        of Jupiter and lanes of Type II bursts last longer.
+    depth_db : float
+        Something lasts while it is above half of its peak in dB, and no further than this below the peak.
+    before_s, after_s : float
+        A burst is alone if no other begins within so long before and after it.
+    weak_share : float
+        Another with less than this share of its score does not count.
+    second_peak_db, second_peak_share_of_height : float
+        A light curve that falls and rises again by so much, or by this share of its height if that is less, has two.
+    second_peak_share : float
+        If so many of the channels have two, the burst is not alone.
+    smoothed_share_of_decay : float
+        Light curves are smoothed by this share of the decay time: what wavers faster is the receiver.
+    relative_background : float
+        Background, over the maximum, that is put under fluxes that have none: receivers scatter by about 5 per cent.
+    noise_db : float
+        Channels whose noise is less count as if it were this: what is left of a background is never flat to less.
+    spike_db, spike_share, spike_below_mhz : float
+        A column that rises and falls at once by so much in this share of the channels below this frequency is the
+        receiver's: bursts last for minutes there.
+    lowest_match, highest_match : float
+        Limits of what one channel adds to a score.
+    hit : float
+        A channel with this match, in standard deviations, sees the burst.
+    hits : int
+        A score of fewer channels is lowered in proportion.
+    slack_s : float
+        By how much a window is wider than light travel: onsets are known to the minute of the grid.
+    seed_score, seed_hits : float, int
+        What a search of the window of a burst that another spacecraft heard has to find.
+    spacecraft : int
+        Fewest that place a burst: three arrival times for two coordinates and a time of emission.
+    spread_rsun : float
+        Spacecraft nearer to one line than this cannot tell two sides of it: 23 s of light.
+    low_mhz, low_channels : float, int
+        Sources are placed below this frequency, where a minute is short against light travel; so many channels there
+        have to be seen by three spacecraft.
+    weak_score : float
+        A spacecraft with a lower score times no edge well, and may as well have heard another burst.
+    """
+
+    score: float = 6.0
+    apart_minutes: int = 4
+    support_above_mhz: float = 0.8
+    support_channels: int = 6
+    kilometric_below_mhz: float = 0.6
+    kilometric_channels: int = 3
+    kilometric_all: int = 14
+    wide_below_mhz: float = 2.0
+    wide_channels: int = 4
+    clear_margin: float = 1.2
+    fast_margin: float = 1.1
+    slow_margin: float = 0.05
+    longest_revisit_minutes: float = 6.0
+    narrow_channels: int = 20
+    longest: float = 2.7
+    longest_above: float = 2.0
+    depth_db: float = 10.0
+    before_s: float = 20 * 60.0
+    after_s: float = 30 * 60.0
+    weak_share: float = 0.3
+    second_peak_db: float = 2.0
+    second_peak_share_of_height: float = 0.4
+    second_peak_share: float = 0.25
+    smoothed_share_of_decay: float = 0.5
+    relative_background: float = 0.05
+    noise_db: float = 0.25
+    spike_db: float = 2.0
+    spike_share: float = 0.5
+    spike_below_mhz: float = 1.0
+    lowest_match: float = -3.0
+    highest_match: float = 15.0
+    hit: float = 3.0
+    hits: int = 10
+    slack_s: float = 60.0
+    seed_score: float = 6.0
+    seed_hits: int = 10
+    spacecraft: int = 3
+    spread_rsun: float = 10.0
+    low_mhz: float = 2.0
+    low_channels: int = 4
+    weak_score: float = 16.0
+
+
+THRESHOLDS = DetectionThresholds()
+
 STEP_S = 60.0
 LOWEST_MHZ, HIGHEST_MHZ = 0.1, 14.0
 CHANNELS = 56
-LONGEST_REVISIT_MINUTES = 6.0
-"""A channel that is visited less often is not searched: of simulated bursts of 10 dB fewer than half are found then."""
-
-RELATIVE_BACKGROUND = 0.05
-LEAST_NOISE_DB = 0.25
-"""Channels whose noise is less count as if it were this: what is left of a background is never flat to less."""
-
-SPIKE_DB = 2.0
-SPIKE_SHARE = 0.5
-SPIKE_BELOW_MHZ = 1.0
 SPIKE_RECORDS = (1, 2)
 """How many minutes a calibration lasts."""
 
@@ -109,7 +220,7 @@ def search_grid(over: xr.Dataset) -> SearchGrid:
 def _raised(spectrum: xr.Dataset) -> xr.Dataset:
     """Decibels over a background that is put under a flux which has none and is relative to its maximum."""
     power = relative_power(spectrum)
-    decibel = 10.0 * np.log10(1.0 + np.maximum(power, 0.0) / (power.max("time") * RELATIVE_BACKGROUND))
+    decibel = 10.0 * np.log10(1.0 + np.maximum(power, 0.0) / (power.max("time") * THRESHOLDS.relative_background))
     return spectrum.assign(intensity=decibel)
 
 
@@ -131,13 +242,13 @@ def _binned(over: xr.Dataset, start: np.datetime64) -> FloatArray:
 
 def _despiked(excess_db: FloatArray) -> FloatArray:
     """Without columns that rise and fall at once in most channels where bursts last for many minutes."""
-    low = excess_db[:, FREQUENCY_MHZ < SPIKE_BELOW_MHZ]
+    low = excess_db[:, THRESHOLDS.spike_below_mhz > FREQUENCY_MHZ]
     known = np.maximum(np.isfinite(low).sum(axis=1), 1)
     is_spike = np.zeros(len(excess_db), dtype=bool)
     for length in SPIKE_RECORDS:
         before, after = _shifted(low, 1), _shifted(low, -length)
-        up = (low > before + SPIKE_DB) & (_shifted(low, 1 - length) > after + SPIKE_DB)
-        begins = up.sum(axis=1) > SPIKE_SHARE * known
+        up = (low > before + THRESHOLDS.spike_db) & (_shifted(low, 1 - length) > after + THRESHOLDS.spike_db)
+        begins = up.sum(axis=1) > THRESHOLDS.spike_share * known
         for record in range(length):
             is_spike |= np.roll(begins, record)
     return np.where(is_spike[:, None], np.nan, excess_db)
@@ -156,7 +267,7 @@ def _held(excess_db: FloatArray) -> tuple[FloatArray, FloatArray]:
         if np.median(gap) <= 1.0:
             revisit[channel] = 1.0
             continue
-        if revisit[channel] > LONGEST_REVISIT_MINUTES:
+        if revisit[channel] > THRESHOLDS.longest_revisit_minutes:
             filled[:, channel] = np.nan
             continue
         after = np.clip(np.searchsorted(known, minute), 1, known.size - 1)
@@ -195,7 +306,7 @@ def _noise_db(excess_db: FloatArray) -> FloatArray:
     negative = np.where(excess_db < 0, excess_db, np.nan)
     count = np.isfinite(negative).sum(axis=0)
     squares = np.nansum(negative**2, axis=0)
-    noise = np.maximum(np.sqrt(squares / np.maximum(count, 1)), LEAST_NOISE_DB)
+    noise = np.maximum(np.sqrt(squares / np.maximum(count, 1)), THRESHOLDS.noise_db)
     return np.where(np.isfinite(excess_db).any(axis=0), noise, np.nan)
 
 
@@ -209,12 +320,6 @@ TEMPLATE_RISE_S, TEMPLATE_RISE_SLOPE = 1.5, -0.77
 slowly at low frequencies; the onset, which the minute of a match is, then is where a fast one would begin."""
 BEFORE_RECORDS = 8
 """So many minutes before the rise are what it is held against."""
-
-LOWEST_MATCH, HIGHEST_MATCH = -3.0, 15.0
-HIT = 3.0
-"""A channel with this match, in standard deviations, sees the burst."""
-
-ENOUGH_HITS = 10
 
 
 class Match(NamedTuple):
@@ -343,10 +448,10 @@ def drift_match(match: FloatArray, revisit: FloatArray | float = 1.0) -> Match:
     shifted = match[np.clip(index, 0, len(match) - 1), np.arange(CHANNELS)]
     shifted = np.where(inside, shifted, np.nan)
     known = np.isfinite(shifted)
-    clipped = np.clip(np.where(known, shifted, 0.0), LOWEST_MATCH, HIGHEST_MATCH)
-    hit = known & (shifted > HIT)
+    clipped = np.clip(np.where(known, shifted, 0.0), THRESHOLDS.lowest_match, THRESHOLDS.highest_match)
+    hit = known & (shifted > THRESHOLDS.hit)
     number = np.maximum(known.sum(axis=2), 1)
-    score = clipped.sum(axis=2) / np.sqrt(number) * np.minimum(1.0, hit.sum(axis=2) / ENOUGH_HITS)
+    score = clipped.sum(axis=2) / np.sqrt(number) * np.minimum(1.0, hit.sum(axis=2) / THRESHOLDS.hits)
     measured = np.asarray(np.isfinite(match).any(axis=0))
     shared = np.broadcast_to(revisit, CHANNELS)[measured]
     return Match(score, hit, measured, float(np.median(shared)) if shared.size else 1.0)

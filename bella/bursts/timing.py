@@ -19,12 +19,11 @@ import pandas as pd
 import xarray as xr
 
 from bella.arrivals import SHAPE_LENGTH, check_arrivals
-from bella.bursts.association import FEWEST_SPACECRAFT
 from bella.bursts.detection import Candidate, Searched, candidate_at, onset_records
 from bella.bursts.edges import Edge, gauss_hermite_edge, half_maximum_edge, spacing_s
 from bella.bursts.flank import SampleAveraging, flank_edges
 from bella.bursts.light_curves import LightCurves, RiseOfBurst, decay_s, own_rise
-from bella.bursts.matched_filter import BEAM_SPEEDS_C, FREQUENCY_MHZ, STEP_S
+from bella.bursts.matched_filter import BEAM_SPEEDS_C, FREQUENCY_MHZ, STEP_S, THRESHOLDS
 from bella.bursts.noise import (
     OFFSET_S,
     SHAPE_LENGTH_LN_F,
@@ -417,7 +416,7 @@ def shared_frequencies_mhz(timed: TimedBurst, number: int = FREQUENCIES) -> Floa
         MHz, evenly spaced in ln f between `LOWEST_MHZ` and `HIGHEST_MHZ`; empty where they share too narrow a band.
     """
     bands = list(timed.bands_mhz.values())
-    needed = min(FEWEST_SPACECRAFT, len(bands))
+    needed = min(THRESHOLDS.spacecraft, len(bands))
     if not needed:
         return np.empty(0)
     low = max(sorted(band[0] for band in bands)[needed - 1], LOWEST_MHZ)
@@ -526,7 +525,7 @@ def why_not_timed(timed: TimedBurst, needed: Sequence[str]) -> str:
     str
     """
     bands = timed.bands_mhz
-    if len(bands) < min(FEWEST_SPACECRAFT, len(needed)):
+    if len(bands) < min(THRESHOLDS.spacecraft, len(needed)):
         without = [name for name in needed if name not in bands]
         return f"not localisable: fewer than {FEWEST_EDGES} good edges at {', '.join(without)}"
     frequency_mhz = shared_frequencies_mhz(timed, DRIFT_STEPS)

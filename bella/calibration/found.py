@@ -14,8 +14,9 @@ import xarray as xr
 
 from bella.answer import answer_of
 from bella.arrivals import ArrivalGrid, arrival_grid, locate_receivers
-from bella.bursts.association import FEWEST_SPACECRAFT, AssociatedBurst, Member, associate
+from bella.bursts.association import AssociatedBurst, Member, associate
 from bella.bursts.detection import search
+from bella.bursts.matched_filter import THRESHOLDS
 from bella.bursts.timing import (
     EDGES,
     HALF_RISE,
@@ -239,7 +240,7 @@ def _timed_members(case: SimulatedCase) -> list[Member]:
     members = [one for one in burst.members if one.fits]
     if len(members) < len(FLEETS["pair"].datasets):
         raise BellaError(burst.reason or f"timed at {len(members)} spacecraft")
-    if len(members) >= FEWEST_SPACECRAFT and burst.reason:
+    if len(members) >= THRESHOLDS.spacecraft and burst.reason:
         raise BellaError(burst.reason)
     return members
 
@@ -250,7 +251,7 @@ def _apart_s(burst: AssociatedBurst, case: SimulatedCase) -> float:
 
 def _answered(task: Task, case: SimulatedCase, members: Sequence[Member]) -> FoundBurst:
     parts = [burst_spectrum(one.searched, one.candidate) for one in members]
-    if len(members) < FEWEST_SPACECRAFT:
+    if len(members) < THRESHOLDS.spacecraft:
         return _preliminary(task, case, parts)
     timed = time_burst(parts, SHARED)
     reason = why_not_timed(timed, [one.searched.observatory for one in members])

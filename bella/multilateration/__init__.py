@@ -1,10 +1,12 @@
 """Where the source was, from the times at which several receivers heard it.
 
-:func:`localise` is the door. Behind it: `priors` (what is assumed), `likelihood` (emission time and speed integrated
-out), `cells`, `moments`, `draws`, `regions` (the exact posterior), `nuts` (the same model in PyMC), `solution` (the
-labelled result) and `flags` (what a reader must know).
+:func:`localise` is the door. Behind it, from prior to report: `priors` (what is assumed, and from where on a flag is
+raised), `problems` (arrival times and their noise), `likelihood` (emission time, speed and directional delay integrated
+out), `speed`, `cells` (space divided), `posterior` (moments, evidence and draws), `regions` (credible regions and
+modes), `checks` (clocks, predictions, flags) and `localise` (the labelled result).
 
-:func:`uncertainty_map` says how well a fleet places a source anywhere, by `closed_form` and `exact_map`.
+Other methods behind the same door: `nuts` (the same model in PyMC, the reference), and `tdoa` with `tdoa_fit` (time
+differences). :func:`uncertainty_map` says how well a fleet places a source anywhere.
 """
 
 from bella.multilateration.localise import METHODS, check_choices, localise

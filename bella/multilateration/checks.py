@@ -27,15 +27,11 @@ from scipy.special import chdtrc, ndtr
 from bella.arrivals import ArrivalGrid
 from bella.flags import NOT_CONSTRAINED
 from bella.heliosphere.scattering import DirectionalDelay, one_minus_cosine
-from bella.multilateration.posterior import Draws
-from bella.multilateration.priors import Priors
-from bella.multilateration.problems import IntArray
+from bella.multilateration.posterior import Draws, Recipe, log_evidence
+from bella.multilateration.priors import THRESHOLDS, Priors
+from bella.multilateration.problems import IntArray, LateClocks
 from bella.units import C_RSUN_S, DAY_S, FloatArray
 
-SIGNIFICANT_SD = 3.0
-"""An offset of so many of its standard deviations is flagged."""
-ALIKE_CHI2 = 4.0
-"""Receivers whose offsets lower chi-squared by so much less than the best one's, two standard deviations, may be it."""
 FREQUENCIES = 40
 """Most frequencies that are used: more lower the error of an offset by little."""
 STEPS = 3
@@ -47,13 +43,6 @@ LEAST_S = 1e-3
 
 SHIFT_S = 10.0
 """Offset for which the move of a position is stated."""
-ONCE_IN = 10_000
-"""How often arrival times with errors as stated may be called inconsistent."""
-DOMINATED_SD = 0.5
-"""Move of the mean by the prior of the position, in standard deviations, from which the prior is said to decide."""
-LIKELY_ABOVE_C = 0.95
-"""Probability of v > c, one half in the prior, from which the arrival times are said to prefer it."""
-LIKELY_BAD = 0.5
 DRAWS_USED = 400
 """Draws that are compared with the arrival times: p-values are good to 0.02 or better."""
 BLOCK = 200
@@ -68,13 +57,26 @@ class ClockCheck:
     ----------
     offset_s, offset_sd_s : ndarray, shape (n,)
         How late each receiver is if it alone is, and its standard deviation; NaN where no receiver is redundant.
+    chi2 : ndarray, shape (n,)
+        By how much the offset of each lowers chi-squared.
     message : str
         Which clock is off and by how much, in words; empty where none is.
     """
 
     offset_s: FloatArray
     offset_sd_s: FloatArray
+    chi2: FloatArray
     message: str
+
+    @property
+    def is_doubtful(self) -> bool:
+        """Whether a clock may be off, so that positions have to allow for it."""
+        return bool(self.chi2.max() > THRESHOLDS.doubtful_clock_sd**2)
+
+
+def _suspects(chi2: FloatArray) -> IntArray:
+    order = np.argsort(-chi2, kind="stable")
+    return np.asarray(order[chi2[order] > chi2.max() - THRESHOLDS.alike_clock_chi2], dtype=np.intp)
 
 
 def check_clocks(grid: ArrivalGrid, position_rsun: FloatArray, priors: Priors, delay: DirectionalDelay) -> ClockCheck:
@@ -96,17 +98,46 @@ def check_clocks(grid: ArrivalGrid, position_rsun: FloatArray, priors: Priors, d
     heard = np.isfinite(grid.arrival_s).sum(axis=1)
     none = np.full(len(grid.observatories), np.nan)
     if not (heard > dimensions + 1).any():
-        return ClockCheck(none, none, "")
+        return ClockCheck(none, none, np.zeros(none.size), "")
     rows = np.unique(np.linspace(0, heard.size - 1, min(FREQUENCIES, heard.size)).astype(np.intp))
-    some, position, late_s = grid.take(rows), position_rsun[rows], np.zeros(none.size)
-    for _ in range(STEPS):
-        position, offset_s, offset_sd_s = _fitted(some, position, late_s, priors, delay)
-        gain = np.nan_to_num((offset_s / offset_sd_s) ** 2)
-        worst = int(gain.argmax())
-        late_s = np.where(np.arange(none.size) == worst, offset_s, 0.0)
-    suspects = np.flatnonzero(gain > gain[worst] - ALIKE_CHI2)
-    message = "" if gain[worst] < SIGNIFICANT_SD**2 else _message(grid, suspects, offset_s, offset_sd_s)
-    return ClockCheck(offset_s, offset_sd_s, message)
+    some, offset_s, offset_sd_s = grid.take(rows), none.copy(), none.copy()
+    for which in range(none.size):
+        position, late_s = position_rsun[rows], np.zeros(none.size)
+        for _ in range(STEPS):
+            position, fitted_s, fitted_sd_s = _fitted(some, position, late_s, priors, delay)
+            late_s[which] = np.nan_to_num(fitted_s[which])
+        offset_s[which], offset_sd_s[which] = fitted_s[which], fitted_sd_s[which]
+    chi2 = np.nan_to_num((offset_s / offset_sd_s) ** 2)
+    significant = chi2.max() >= THRESHOLDS.late_clock_sd**2
+    message = _message(grid, _suspects(chi2), offset_s, offset_sd_s) if significant else ""
+    return ClockCheck(offset_s, offset_sd_s, chi2, message)
+
+
+def late_clocks(grid: ArrivalGrid, check: ClockCheck, recipe: Recipe) -> LateClocks:
+    """Noise in which one clock is late or none, each as likely as all arrival times of the burst say.
+
+    Before the data a late clock and none are equally likely, with an offset of about `Thresholds.typical_offset_s`.
+    Components would be weighted by the arrival times of a frequency once more: their evidence there is taken off.
+
+    Parameters
+    ----------
+    grid : ArrivalGrid
+    check : ClockCheck
+        With offsets that are known.
+    recipe : Recipe
+
+    Returns
+    -------
+    LateClocks
+    """
+    number = len(grid.observatories)
+    chosen = np.eye(number + 1, number, k=-1)  # first that no clock is late
+    late_s, late_sd_s = chosen * check.offset_s, chosen * check.offset_sd_s
+    own = np.stack([log_evidence(grid, recipe, *one) for one in zip(late_s, late_sd_s, strict=True)])
+    occam = np.append(0.0, np.log(check.offset_sd_s / THRESHOLDS.typical_offset_s / number))
+    log_weight = own.sum(axis=1) + occam
+    log_weight = log_weight - np.logaddexp.reduce(log_weight)
+    return LateClocks(late_s, late_sd_s, log_weight[:, None] - own)
 
 
 def _fitted(
@@ -159,13 +190,12 @@ def _linearised(
 
 def _message(grid: ArrivalGrid, suspects: IntArray, offset_s: FloatArray, offset_sd_s: FloatArray) -> str:
     """Which clocks may be off, the likeliest first."""
-    order = suspects[np.argsort(-np.abs(offset_s[suspects] / offset_sd_s[suspects]))]
     ahead_s = _tt_less_utc(grid.reference_utc)
     parts = []
-    for which in order:
+    for which in suspects:
         words = "late" if offset_s[which] > 0 else "early"
         text = f"{grid.observatories[which]} is {words} by {abs(offset_s[which]):.1f} ± {offset_sd_s[which]:.1f} s"
-        if abs(abs(offset_s[which]) - ahead_s) < SIGNIFICANT_SD * offset_sd_s[which]:
+        if abs(abs(offset_s[which]) - ahead_s) < THRESHOLDS.late_clock_sd * offset_sd_s[which]:
             text += f": Terrestrial Time taken for UTC ({ahead_s:.3f} s), or the reverse"
         parts.append(text)
     return parts[0] if len(parts) == 1 else "one of these: " + "; ".join(parts)
@@ -228,16 +258,16 @@ def flags_of(posterior: xr.Dataset, remarks: Sequence[str] = ()) -> list[str]:
     axes = [axis for axis in "xyz" if f"contraction_{axis}" in posterior]
     raised = {
         "speed_not_constrained": posterior["contraction_v"] > NOT_CONSTRAINED,
-        "speed_above_c": posterior["above_c_probability"] > LIKELY_ABOVE_C,
+        "speed_above_c": posterior["above_c_probability"] > THRESHOLDS.likely_above_c,
         **{f"{axis}_not_constrained": posterior[f"contraction_{axis}"] > NOT_CONSTRAINED for axis in axes},
         "position_not_constrained": _widest_sd(posterior, axes)
         > NOT_CONSTRAINED * posterior.attrs["position_prior_sd_rsun"],
-        "prior_dominated": _pull_in_sd(posterior, axes) > DOMINATED_SD,
+        "prior_dominated": _pull_in_sd(posterior, axes) > THRESHOLDS.dominated_sd,
         "multimodal": posterior["modes"] > 1,
         "arrivals_inconsistent": posterior["misfit"] > _largest_misfit(posterior),
-        "bad_arrival": posterior["bad_probability"].max("observatory") > LIKELY_BAD,
+        "bad_arrival": posterior["bad_probability"].max("observatory") > THRESHOLDS.likely_bad,
         "clock_offset": np.full(posterior.sizes["frequency"], bool(posterior.attrs["clock_offset"])),
-        "few_effective_draws": posterior["draw_ess"] < 0.5 * posterior.sizes["draw"],
+        "few_effective_draws": posterior["draw_ess"] < THRESHOLDS.few_draws_share * posterior.sizes["draw"],
     }
     table = {name: np.asarray(where) for name, where in raised.items()}
     own = list(remarks) or [""] * posterior.sizes["frequency"]
@@ -248,9 +278,9 @@ def flags_of(posterior: xr.Dataset, remarks: Sequence[str] = ()) -> list[str]:
 
 
 def _largest_misfit(posterior: xr.Dataset) -> FloatArray:
-    """Misfit that consistent arrival times exceed once in `ONCE_IN` times at most, shape (frequency,)."""
+    """Misfit that consistent arrival times exceed with the probability of the threshold at most, shape (frequency,)."""
     receivers = np.isfinite(posterior["arrival_s"].to_numpy()).sum(axis=1)
-    return np.asarray(stats.chi2.isf(1 / ONCE_IN, receivers - 1))
+    return np.asarray(stats.chi2.isf(1 / THRESHOLDS.inconsistent_once_in, receivers - 1))
 
 
 def _widest_sd(posterior: xr.Dataset, axes: Sequence[str]) -> FloatArray:

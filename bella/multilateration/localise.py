@@ -13,7 +13,15 @@ from bella.arrivals import ArrivalGrid, arrival_grid, check_arrivals, check_cova
 from bella.exceptions import InputError
 from bella.flags import APPARENT_SOURCE
 from bella.heliosphere.scattering import DirectionalDelay
-from bella.multilateration.checks import SHIFT_S, check_clocks, clock_shift_rsun, flags_of, predictive_check
+from bella.multilateration.checks import (
+    SHIFT_S,
+    ClockCheck,
+    check_clocks,
+    clock_shift_rsun,
+    flags_of,
+    late_clocks,
+    predictive_check,
+)
 from bella.multilateration.likelihood import evaluate
 from bella.multilateration.nuts import nuts_posterior
 from bella.multilateration.posterior import AXES, Draws, Moments, Posterior, Recipe, exact_posterior, parameters
@@ -102,7 +110,7 @@ def localise(  # noqa: PLR0913
     Returns
     -------
     xarray.Dataset
-        As :func:`bella.multilateration.solution.solution_dataset` describes.
+        As :func:`solution_dataset` describes.
 
     Raises
     ------
@@ -124,7 +132,11 @@ def localise(  # noqa: PLR0913
         check_covariance(covariance_s2, len(table))
     grid = apply_sigma_rule(arrival_grid(table, covariance_s2=covariance_s2), chosen)
     recipe = Recipe(method, chosen, dimensions, draws, seed)
-    return solution_dataset(grid, METHODS[method](grid, recipe, advance), recipe)
+    posterior = METHODS[method](grid, recipe, advance)
+    check = check_clocks(grid, posterior.moments.mean, chosen.priors, chosen.delay)
+    if check.is_doubtful and method == "posterior" and not chosen.noise.bad_probability:
+        posterior = exact_posterior(grid, recipe, lambda _: None, late_clocks(grid, check, recipe))
+    return solution_dataset(grid, posterior, recipe, check)
 
 
 VARIABLES = {
@@ -167,7 +179,9 @@ VARIABLES = {
 """Units and meaning of every number of a solution."""
 
 
-def solution_dataset(grid: ArrivalGrid, posterior: Posterior, recipe: Recipe) -> xr.Dataset:
+def solution_dataset(
+    grid: ArrivalGrid, posterior: Posterior, recipe: Recipe, check: ClockCheck | None = None
+) -> xr.Dataset:
     """Label a posterior with its frequencies, units, inputs and recipe.
 
     Parameters
@@ -176,6 +190,8 @@ def solution_dataset(grid: ArrivalGrid, posterior: Posterior, recipe: Recipe) ->
         With the timing errors that were used.
     posterior : Posterior
     recipe : Recipe
+    check : ClockCheck, optional
+        Of the clocks; made from the posterior where it is left out.
 
     Returns
     -------
@@ -195,7 +211,8 @@ def solution_dataset(grid: ArrivalGrid, posterior: Posterior, recipe: Recipe) ->
         coords=_coordinates(grid, recipe.dimensions),
         attrs=_provenance(grid, recipe),
     )
-    check = check_clocks(grid, posterior.moments.mean, recipe.preset.priors, recipe.preset.delay)
+    if check is None:
+        check = check_clocks(grid, posterior.moments.mean, recipe.preset.priors, recipe.preset.delay)
     dataset["clock_offset_s"] = ("observatory", check.offset_s, _described("clock_offset_s"))
     dataset["clock_offset_sd_s"] = ("observatory", check.offset_sd_s, _described("clock_offset_sd_s"))
     dataset.attrs["clock_offset"] = check.message

@@ -19,7 +19,7 @@ from bella.exceptions import ConvergenceError
 from bella.heliosphere.scattering import DirectionalDelay
 from bella.multilateration.checks import predicted_arrivals
 from bella.multilateration.posterior import AXES, Draws, Moments, Posterior, Recipe, parameters
-from bella.multilateration.priors import Noise, Priors
+from bella.multilateration.priors import THRESHOLDS, Noise, Priors
 from bella.multilateration.regions import Region, region_of_draws
 from bella.units import C_RSUN_S, FloatArray
 
@@ -30,8 +30,6 @@ Scattered over its prior as well, the emission time starts so far off that a cha
 where it does not come back."""
 TUNE = 1000
 GAUSSIAN_POWER = 2.0
-LARGEST_RHAT = 1.05
-MIN_EFFECTIVE = 100
 
 
 def nuts_posterior(grid: ArrivalGrid, recipe: Recipe, advance: Callable[[int], None]) -> Posterior:
@@ -236,7 +234,7 @@ def _effective(trace: Any, frequency_mhz: float, names: tuple[str, ...]) -> floa
     az = _library("arviz")
     rhat = float(az.rhat(trace, var_names=list(names)).to_array().max())
     effective = float(az.ess(trace, var_names=list(names)).to_array().min())
-    if rhat > LARGEST_RHAT or effective < MIN_EFFECTIVE:
+    if rhat > THRESHOLDS.largest_rhat or effective < THRESHOLDS.fewest_sampled:
         raise ConvergenceError(
             f"{frequency_mhz:g} MHz: the chains do not agree (r-hat {rhat:.3f}, effective draws {effective:.0f}); "
             "use the method posterior, which needs no chains"

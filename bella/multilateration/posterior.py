@@ -15,7 +15,7 @@ from bella.exceptions import ConvergenceError
 from bella.multilateration.cells import Cells, Lattice, divide, normalised, summed
 from bella.multilateration.likelihood import evaluate
 from bella.multilateration.priors import Preset, Priors
-from bella.multilateration.problems import IntArray, Problems, log_constant, problems_of
+from bella.multilateration.problems import IntArray, LateClocks, Problems, log_constant, problems_of
 from bella.multilateration.regions import Region, component_density, regions_of
 from bella.multilateration.speed import draw_slowness
 from bella.units import C_RSUN_S, FloatArray
@@ -127,7 +127,9 @@ def parameters(dimensions: int) -> tuple[str, ...]:
     return (*(f"{axis}_rsun" for axis in AXES[:dimensions]), "emission_s", "v_over_c")
 
 
-def exact_posterior(grid: ArrivalGrid, recipe: Recipe, advance: Callable[[int], None]) -> Posterior:
+def exact_posterior(
+    grid: ArrivalGrid, recipe: Recipe, advance: Callable[[int], None], clocks: LateClocks | None = None
+) -> Posterior:
     """Compute the posterior of each frequency on adaptive cells.
 
     Parameters
@@ -137,6 +139,8 @@ def exact_posterior(grid: ArrivalGrid, recipe: Recipe, advance: Callable[[int], 
     recipe : Recipe
     advance : callable
         Told how many frequencies are done since the last call.
+    clocks : LateClocks, optional
+        In place of the noise of the preset.
 
     Returns
     -------
@@ -147,7 +151,8 @@ def exact_posterior(grid: ArrivalGrid, recipe: Recipe, advance: Callable[[int], 
     ConvergenceError
         If a posterior is too sharp for the cells that may be spent on it; names the frequency.
     """
-    problems = problems_of(grid, recipe.preset.priors, recipe.dimensions, recipe.preset.noise, recipe.preset.delay)
+    preset = recipe.preset
+    problems = problems_of(grid, preset.priors, recipe.dimensions, preset.noise, preset.delay, clocks)
     rng = np.random.default_rng(recipe.seed)
     parts = []
     for batch, cells in _divided(problems, grid.frequency_mhz):
@@ -160,6 +165,26 @@ def exact_posterior(grid: ArrivalGrid, recipe: Recipe, advance: Callable[[int], 
         for kind, some in ((Draws, draws), (Moments, moments))
     }
     return Posterior(joined[Draws], joined[Moments], [region for some in regions for region in some])  # type: ignore[arg-type]
+
+
+def log_evidence(grid: ArrivalGrid, recipe: Recipe, late_s: FloatArray, late_sd_s: FloatArray) -> FloatArray:
+    """Evidence of each frequency once the clocks of receivers are late by so much, shape (F,), as a logarithm.
+
+    Parameters
+    ----------
+    grid : ArrivalGrid
+    recipe : Recipe
+    late_s, late_sd_s : ndarray, shape (n,)
+
+    Returns
+    -------
+    ndarray, shape (F,)
+    """
+    clocks = LateClocks(late_s[None], late_sd_s[None], np.zeros((1, grid.frequency_mhz.size)))
+    preset = recipe.preset
+    problems = problems_of(grid, preset.priors, recipe.dimensions, delay=preset.delay, clocks=clocks)
+    parts = [moments_of(some, cells).log_evidence for some, cells in _divided(problems, grid.frequency_mhz)]
+    return np.concatenate(parts)
 
 
 def _in_single_precision(draws: Draws) -> Draws:

@@ -1,4 +1,4 @@
-"""What is assumed before the data: priors of source and speed, and where the timing error comes from."""
+"""What is assumed before the data: priors of source and speed, timing errors, and from where on a flag is raised."""
 
 from dataclasses import dataclass, replace
 from itertools import combinations
@@ -191,6 +191,64 @@ Canizares et al. (2024) say. ``bella-2024``: what the code published with that p
 all receivers, speed held to 0.001 c). With the timing errors of the table as well: ``free-speed`` leaves the speed
 0.1 c, ``subluminal`` does so below c only, and ``robust`` allows for bad arrival times: it names one among five, and
 knows that there is one among four, but not always which."""
+
+
+@dataclass(frozen=True)
+class Thresholds:
+    """From where on a reader is told something; numbers that only steer a method stand beside it.
+
+    Attributes
+    ----------
+    late_clock_sd : float
+        An offset of a receiver of so many of its standard deviations is flagged. With good clocks and errors of 5 s one
+        burst in 30 of five receivers was, and none in 30 of four.
+    doubtful_clock_sd : float
+        From so many on positions allow for a late clock: an offset of 10 s with errors of 5 s is below the limit of the
+        flag in half of the bursts of four receivers.
+    alike_clock_chi2 : float
+        Receivers whose offsets lower chi-squared by so much less than the best one's, two standard deviations, are
+        named beside it.
+    typical_offset_s : float
+        Size of an offset where a clock is off: between the sample of a receiver and an error of the time scale, 69 s.
+    inconsistent_once_in : float
+        How often arrival times with errors as stated may be called inconsistent: once in all frequencies of some
+        hundred bursts.
+    dominated_sd : float
+        Move of the mean by the prior of the position, in standard deviations, from which the prior is said to decide.
+    likely_above_c : float
+        Probability of v > c, one half in the prior, from which the arrival times are said to prefer it.
+    likely_bad : float
+        Probability from which an arrival time is named bad: more likely than not.
+    few_draws_share : float
+        Effective share of the draws below which they are said to be few.
+    mode_nats : float
+        Local maxima of the density this far below the best are no modes: they hold less than a hundredth.
+    mode_depth_nats : float
+        A maximum is a mode of its own when every way from it to a higher one leads this far down: to 0.6 of its height.
+    closed_form_off : float
+        Relative difference from the exact standard deviation above which the closed form of a map counts as off.
+    largest_rhat, fewest_sampled : float
+        Beyond these the chains of the sampler count as disagreeing: five times the 0.01 of Vehtari et al. (2021,
+        doi:10.1214/20-BA1221) for a reference that is only compared with, and a quarter of their 400 draws.
+    """
+
+    late_clock_sd: float = 3.0
+    doubtful_clock_sd: float = 2.0
+    alike_clock_chi2: float = 4.0
+    typical_offset_s: float = 20.0
+    inconsistent_once_in: float = 10_000.0
+    dominated_sd: float = 0.5
+    likely_above_c: float = 0.95
+    likely_bad: float = 0.5
+    few_draws_share: float = 0.5
+    mode_nats: float = 6.0
+    mode_depth_nats: float = 0.5
+    closed_form_off: float = 0.1
+    largest_rhat: float = 1.05
+    fewest_sampled: float = 100.0
+
+
+THRESHOLDS = Thresholds()
 
 
 def find_preset(name: str) -> Preset:

@@ -126,8 +126,30 @@ SHARED = ("receivers", "receiver_rsun2", "rise_s")
 PER_PROBLEM = (*SHARED, *PER_COMPONENT)
 
 
-def problems_of(
-    grid: ArrivalGrid, priors: Priors, dimensions: int, noise: Noise = GAUSSIAN, delay: DirectionalDelay = NO_DELAY
+@dataclass(frozen=True)
+class LateClocks:
+    """That one of some receivers is late at all frequencies: one component of the noise for each of them.
+
+    Attributes
+    ----------
+    late_s, late_sd_s : ndarray, shape (K, n)
+        How late each receiver is in each component, and the standard deviation of that, s; 0 for those that are not.
+    log_weight : ndarray, shape (K, B)
+        Logarithm of the weight of each component at each frequency.
+    """
+
+    late_s: FloatArray
+    late_sd_s: FloatArray
+    log_weight: FloatArray
+
+
+def problems_of(  # noqa: PLR0913, PLR0917
+    grid: ArrivalGrid,
+    priors: Priors,
+    dimensions: int,
+    noise: Noise = GAUSSIAN,
+    delay: DirectionalDelay = NO_DELAY,
+    clocks: LateClocks | None = None,
 ) -> Problems:
     """Localisation problems of the frequencies of a grid.
 
@@ -138,6 +160,8 @@ def problems_of(
     dimensions : int
     noise : Noise
     delay : DirectionalDelay
+    clocks : LateClocks, optional
+        In place of `noise`.
 
     Returns
     -------
@@ -149,14 +173,18 @@ def problems_of(
         If the errors of the arrival times of a frequency have no positive definite covariance.
     """
     present = np.isfinite(grid.arrival_s)
-    bad = noise.bad_sets(present.shape[1])
     arrival = np.where(present, grid.arrival_s - grid.delay_s, 0.0)
-    white = whiten(
-        grid.covariances_s2(), np.asarray(bad[:, None, :] * noise.bad_sd_s**2, dtype=np.float64), grid.frequency_mhz
-    )
-    first = np.take_along_axis(np.broadcast_to(arrival, white.mean_weight.shape), white.reference[..., None], axis=2)
+    if clocks is None:
+        bad = noise.bad_sets(present.shape[1])
+        extra_s2 = bad * noise.bad_sd_s**2
+        log_weight = _log_prior_of_components(bad, present.T, noise.bad_probability)
+    else:
+        bad, extra_s2 = np.zeros(clocks.late_s.shape, dtype=bool), clocks.late_sd_s**2
+        log_weight, arrival = clocks.log_weight, np.where(present, arrival - clocks.late_s[:, None], 0.0)
+    white = whiten(grid.covariances_s2(), np.asarray(extra_s2, dtype=np.float64)[:, None], grid.frequency_mhz)
+    arrival = np.broadcast_to(arrival, white.mean_weight.shape)
+    first = np.take_along_axis(arrival, white.reference[..., None], axis=2)
     late = np.where(present, arrival - first, 0.0)
-    log_prior = _log_prior_of_components(bad, present.T, noise.bad_probability)
 
     def _problems_last(values: FloatArray) -> FloatArray:
         return np.ascontiguousarray(np.moveaxis(values, 1, -1))
@@ -171,7 +199,7 @@ def problems_of(
         mean_weight=_problems_last(white.mean_weight),
         total_weight=white.total_weight,
         mean_arrival_s=(white.mean_weight * late).sum(axis=2) + first[..., 0],
-        log_norm=white.log_norm + log_prior,
+        log_norm=white.log_norm + log_weight,
         steepest=_steepest(white.whitening),
         bad=bad,
         priors=priors,

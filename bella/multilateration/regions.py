@@ -13,6 +13,7 @@ from scipy import stats
 
 from bella.multilateration.cells import Cells, mixed, normalised, summed, turned
 from bella.multilateration.likelihood import density, evaluate
+from bella.multilateration.priors import THRESHOLDS
 from bella.multilateration.problems import IntArray, Problems, blocks
 from bella.multilateration.speed import log_speed_factor, speed_prior_is_gaussian
 from bella.units import FloatArray
@@ -32,10 +33,6 @@ MODE_BANDWIDTH = 0.5
 """Kernel width, in standard deviations, with which modes are counted among draws."""
 HIGHEST_CONTOUR = 0.99
 """Share of the highest density above which no contour is drawn: at the very top there is none to draw."""
-MODE_NATS = 6.0
-"""Local maxima this far below the best are not counted as modes."""
-MODE_DEPTH_NATS = 0.5
-"""A maximum is a mode of its own when every way from it to a higher one leads this far down."""
 
 
 @dataclass(frozen=True)
@@ -305,8 +302,8 @@ def find_modes(image: Image) -> Modes:
     """Modes of a posterior and their weights.
 
     Every point belongs to the maximum that steepest ascent leads to. A narrow ridge across the lattice has many maxima
-    that only the lattice makes: a maximum counts when every way to a higher one leads down by `MODE_DEPTH_NATS`. One
-    that does not count joins the basin across its highest saddle.
+    that only the lattice makes: a maximum counts when every way to a higher one leads down by
+    `Thresholds.mode_depth_nats`. One that does not count joins the basin across its highest saddle.
 
     Parameters
     ----------
@@ -355,8 +352,8 @@ def _merged(value: FloatArray, neighbours: IntArray, basin: IntArray) -> IntArra
     _, once = np.unique(one * value.size + other, return_index=True)
     for which in np.sort(once):
         low, high = sorted((_root(stands, int(one[which])), _root(stands, int(other[which]))), key=value.__getitem__)
-        shallow = value[low] - saddle[order[which]] < MODE_DEPTH_NATS
-        if shallow or value[low] < value.max() - MODE_NATS:
+        shallow = value[low] - saddle[order[which]] < THRESHOLDS.mode_depth_nats
+        if shallow or value[low] < value.max() - THRESHOLDS.mode_nats:
             stands[low] = high
     stands[maxima] = [_root(stands, int(maximum)) for maximum in maxima]
     return stands
@@ -375,5 +372,5 @@ def _of_basins(image: Image, index: IntArray, value: FloatArray, mode: IntArray)
     weight = np.bincount(number, mass)
     mean = np.stack([np.bincount(number, mass * axis) for axis in index], axis=1) / weight[:, None]
     order = np.argsort(-weight, kind="stable")
-    kept = order[value[found[order]] >= value.max() - MODE_NATS]
+    kept = order[value[found[order]] >= value.max() - THRESHOLDS.mode_nats]
     return Modes(image.place(mean)[kept], weight[kept] / weight[kept].sum())

@@ -21,7 +21,7 @@ NARROW_SPEED_PRIOR = 0.01
 LARGEST_LOG_RATIO = 50.0
 SMALLEST_LOG_RATIO = -460.0
 """Limits of the ratio of the two priors. Only arrival times that no source explains reach them; they keep those finite
-until :mod:`bella.multilateration.flags` says so."""
+until :mod:`bella.multilateration.checks` says so."""
 WHOLE_NODES = 9
 """Nodes of the quadrature over a whole Gaussian."""
 CUT_NODES = 24
@@ -166,7 +166,7 @@ def _whole_nodes(number: int, axes: int) -> tuple[FloatArray, FloatArray]:
 def _cut_nodes(cut: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Nodes and log weights of a standard Gaussian above a cut, which may be far in its tail."""
     low = np.maximum(cut, -CUT_RANGE_SD)
-    high = np.sqrt(np.maximum(low, 0) ** 2 + CUT_RANGE_SD**2)
+    high = np.maximum(np.sqrt(np.maximum(low, 0) ** 2 + CUT_RANGE_SD**2), low * (1 + 1e-12))
     place, weight = np.polynomial.legendre.leggauss(CUT_NODES)
     half = 0.5 * (high - low)
     shape = (-1, *(1,) * cut.ndim)

@@ -29,7 +29,7 @@ from bella.exceptions import GeometryError, InputError
 from bella.heliosphere.scattering import DirectionalDelay, one_minus_cosine
 from bella.multilateration.likelihood import evaluate
 from bella.multilateration.posterior import Draws, Moments, Posterior, Recipe
-from bella.multilateration.priors import Priors
+from bella.multilateration.priors import THRESHOLDS, Priors
 from bella.multilateration.problems import problems_of
 from bella.multilateration.regions import LEVELS, Modes, Region
 from bella.multilateration.tdoa_fit import (
@@ -50,8 +50,6 @@ from bella.multilateration.tdoa_fit import (
 )
 from bella.units import C_RSUN_S, FloatArray
 
-IMPROBABLE = 1e-4
-"""Arrival times with errors as stated exceed the largest consistent misfit this often at most."""
 ON_ONE_LINE = 1e-6
 """Receivers that depart from one line (3D: plane) by less than this part of their spread cannot tell its two sides:
 no ephemeris is better."""
@@ -293,7 +291,7 @@ def _searched(timing: Timing, guesses: FloatArray) -> tuple[FloatArray, BoolArra
 
 
 def _improbable(timing: Timing, value: FloatArray) -> BoolArray:
-    return np.asarray(chdtrc(timing.present.sum(axis=1) - 1, value) < IMPROBABLE)
+    return np.asarray(chdtrc(timing.present.sum(axis=1) - 1, value) < 1 / THRESHOLDS.inconsistent_once_in)
 
 
 def _with_errors(

@@ -2,7 +2,7 @@
 
 The closed form draws half a million nodes a second but knows nothing of the curvature of the problem: beyond the
 receivers, and for receivers nearly in line, it is off by a factor. So it is held against the exact posterior, on all
-nodes or on a coarse lattice, and where the two differ by more than `OFF` the map says so.
+nodes or on a coarse lattice, and where the two differ by more than `Thresholds.closed_form_off` the map says so.
 """
 
 import multiprocessing
@@ -24,7 +24,7 @@ from bella.exceptions import ConvergenceError, GeometryError, InputError
 from bella.multilateration.cells import divide
 from bella.multilateration.likelihood import slope_and_information
 from bella.multilateration.posterior import moments_of
-from bella.multilateration.priors import CADENCE_S, Priors
+from bella.multilateration.priors import CADENCE_S, THRESHOLDS, Priors
 from bella.multilateration.problems import BLOCK, problems_of
 from bella.units import C_RSUN_S, FloatArray
 
@@ -47,8 +47,6 @@ HALF_WIDTH_RSUN = 310.0
 """Half width of the map of Canizares et al. (2024)."""
 COARSE_SIZE = 41
 """Nodes per axis of the lattice on which a map without exact nodes is checked."""
-OFF = 0.1
-"""Relative difference from the exact standard deviation above which the closed form counts as off."""
 SHORTEST_SIGMA_S = 0.1
 """Sharper timing is more than the exact posterior is made for."""
 FORMAT_VERSION = 1
@@ -281,8 +279,9 @@ def _summary(covariance: FloatArray, square: Square, prefix: str, method: str) -
 
 
 def _check(ratio: FloatArray) -> dict[str, Variable]:
-    off = np.maximum(ratio, 1 / ratio) > 1 + OFF
-    words = f"closed form and exact posterior differ by more than {OFF:.0%} in the larger of sd_x and sd_y"
+    off = np.maximum(ratio, 1 / ratio) > 1 + THRESHOLDS.closed_form_off
+    limit = f"{THRESHOLDS.closed_form_off:.0%}"
+    words = f"closed form and exact posterior differ by more than {limit} in the larger of sd_x and sd_y"
     return {
         "closed_form_over_exact": _on_map(ratio, "1", "closed form over exact, larger of sd_x and sd_y"),
         "closed_form_off": (("y", "x"), off, {"long_name": words, "flag_meanings": "closed_form_good closed_form_off"}),

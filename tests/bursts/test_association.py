@@ -17,7 +17,8 @@ from bella.bursts.association import (
     association_table,
     has_position,
 )
-from bella.bursts.detection import APART_RECORDS, DETECTION_COLUMNS, Searched, search
+from bella.bursts.detection import DETECTION_COLUMNS, Searched, search
+from bella.bursts.matched_filter import THRESHOLDS
 from bella.flags import CATALOGUED, LOCALISABLE
 from bella.simulation.archive_days import sky_of
 from bella.simulation.nuisances import JovianArc
@@ -242,7 +243,7 @@ def test_spacecraft_before_their_launch_have_no_position(fleet: list[Searched]) 
 
 
 def test_members_heard_within_light_travel(fleet: list[Searched]) -> None:
-    across_s = 2 * 215.0 * 2.32 + 60.0 * APART_RECORDS  # 2 au
+    across_s = 2 * 215.0 * 2.32 + 60.0 * THRESHOLDS.apart_minutes  # 2 au
     for burst in associate(fleet):
         records = np.array([member.candidate.record for member in burst.members])
         assert np.ptp(records) * 60.0 <= across_s

@@ -11,7 +11,7 @@ from bella.bursts.matched_filter import (
     CHANNELS,
     EDGES_MHZ,
     FREQUENCY_MHZ,
-    LEAST_NOISE_DB,
+    THRESHOLDS,
     SearchGrid,
     channel_match,
     drift_delays_s,
@@ -62,7 +62,9 @@ def test_noise_is_that_of_the_quiet_minutes_and_never_less_than_the_least() -> N
 
     assert np.median(noise) == pytest.approx(0.67 * NOISE_DB, rel=0.15)  # of medians of three channels
     still = quiet()
-    np.testing.assert_array_equal(grid_of(still.assign(intensity=still["intensity"] * 0.0)).noise_db, LEAST_NOISE_DB)
+    np.testing.assert_array_equal(
+        grid_of(still.assign(intensity=still["intensity"] * 0.0)).noise_db, THRESHOLDS.noise_db
+    )
 
 
 @pytest.mark.parametrize("cadence_s", [7.0, 16.0, 60.0])

@@ -1,5 +1,7 @@
 """The PyMC model says what the exact posterior says."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -7,6 +9,7 @@ from bella.bursts import published_arrivals
 from bella.exceptions import ConvergenceError
 from bella.multilateration import localise
 from bella.multilateration import nuts as nuts_module
+from bella.multilateration.priors import THRESHOLDS
 from tests.multilateration.geometry import CADENCE_S, EVENT, grid_of, on_spiral, table_of
 
 
@@ -62,7 +65,7 @@ def test_the_sampled_solution_says_so(pair) -> None:
 
 
 def test_chains_that_disagree_are_an_error(table, monkeypatch) -> None:
-    monkeypatch.setattr(nuts_module, "MIN_EFFECTIVE", 10_000)
+    monkeypatch.setattr(nuts_module, "THRESHOLDS", replace(THRESHOLDS, fewest_sampled=10_000))
     one = table[table["frequency_mhz"] < 0.5]
     with pytest.raises(ConvergenceError, match=r"^0\.1 MHz: the chains do not agree"):
         localise(one, method="nuts", draws=200)

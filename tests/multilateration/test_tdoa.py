@@ -240,7 +240,7 @@ def noisy(x, y, errors, receivers=FIVE):
     return receivers, arrival_s + 5.0 * np.array(errors), np.full(arrival_s.shape, 5.0)
 
 
-@settings(max_examples=40)
+@settings(max_examples=20)
 @given(coordinate, coordinate, noise, st.floats(-1e5, 1e5))
 def test_a_common_delay_moves_the_emission_time_alone(x, y, errors, delay_s) -> None:
     receivers, arrival_s, sigma_s = noisy(x, y, errors)
@@ -251,7 +251,7 @@ def test_a_common_delay_moves_the_emission_time_alone(x, y, errors, delay_s) -> 
     np.testing.assert_allclose(after.emission_sd_s, before.emission_sd_s, rtol=1e-4)
 
 
-@settings(max_examples=40)
+@settings(max_examples=20)
 @given(coordinate, coordinate, noise, st.floats(0, 2 * np.pi))
 def test_the_solution_turns_with_the_axes(x, y, errors, angle) -> None:
     receivers, arrival_s, sigma_s = noisy(x, y, errors)
@@ -263,7 +263,7 @@ def test_the_solution_turns_with_the_axes(x, y, errors, angle) -> None:
     np.testing.assert_allclose(after.covariance[0], expected, rtol=1e-4, atol=1e-4 * np.trace(expected))
 
 
-@settings(max_examples=40)
+@settings(max_examples=20)
 @given(coordinate, coordinate, noise, st.permutations(range(5)))
 def test_the_order_of_the_receivers_does_not_matter(x, y, errors, order) -> None:
     receivers, arrival_s, sigma_s = noisy(x, y, errors)
@@ -274,7 +274,7 @@ def test_the_order_of_the_receivers_does_not_matter(x, y, errors, order) -> None
     np.testing.assert_allclose(after.misfit, before.misfit, atol=1e-6)
 
 
-@settings(max_examples=60)
+@settings(max_examples=25)
 @given(st.lists(st.floats(-1e6, 1e6), min_size=15, max_size=15), st.sampled_from([2, 3]), st.floats(-9, 9))
 def test_whatever_the_arrival_times_every_number_is_finite(times, dimensions, log_sigma) -> None:
     arrival_s = np.reshape(times, (3, 5))
