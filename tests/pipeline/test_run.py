@@ -91,13 +91,15 @@ def test_bursts_of_a_day_are_localised_where_they_were(refined: Refined) -> None
     truths = sky_of(DAY, SEED).bursts
     assert (refined.late.state, refined.late.answer) == ("searched", "localised")
     assert set(refined.late.observatories) == {"WIND", "STEREO-A", "SOLO", "PSP"}
-    assert refined.late.localised
+    assert len(names(refined.late.localised)) >= 3
     with closing(Catalogue.open(refined.settings.catalogue_url)) as catalogue:
         for name in names(refined.late.localised):
             summary = catalogue.burst(name)
             solution = summary.preferred
             assert solution is not None
             assert solution.series.edge in {"shared_profile", "half_rise"}
+            if solution.answer.grade == "D":
+                continue  # several tracks explain its times, and it says so
             rows = catalogue.localisations(solution.solution_id)
             truth = min(truths, key=lambda one: abs(utc(one.release_utc) - summary.burst.start_utc))
             source = source_position_rsun(truth, np.array([row.frequency_mhz for row in rows]))
@@ -197,7 +199,7 @@ def test_results_are_the_same_whatever_the_workers_and_after_one_was_killed(arch
     victim = subprocess.Popen([*command, "--direct"], env=environment, cwd=sandbox.elsewhere[0], start_new_session=True)
     store = sandbox.home / "store"
     until = time.monotonic() + 600
-    while not (store.is_dir() and any(store.rglob("*posterior*.zarr"))) and victim.poll() is None:
+    while not any(store.glob("T3-*/*posterior*.zarr")) and victim.poll() is None:
         assert time.monotonic() < until
         time.sleep(0.02)
     os.killpg(victim.pid, signal.SIGKILL)
