@@ -8,8 +8,18 @@ from urllib.parse import urlencode
 from pydantic import BaseModel, ConfigDict, Field
 
 from api.wording import APPARENT_SOURCE
-from bella.catalogue import Burst, BurstSummary, DaySummary, Detection, Retraction, SearchedDay, Solution, Submission
-from bella.records import REAL_ORIGINS, Origin
+from bella.catalogue import (
+    UNSEARCHED,
+    Burst,
+    BurstSummary,
+    DaySummary,
+    Detection,
+    Retraction,
+    SearchedDay,
+    Solution,
+    Submission,
+)
+from bella.records import REAL_ORIGINS, DayAnswer, Origin
 
 API = "/api/v1"
 
@@ -84,6 +94,8 @@ class DayReply(Reply):
     day: date
     searched: bool = Field(description="False where no file of the day was processed.")
     origin: Origin | None = Field(description=ORIGIN)
+    answer: DayAnswer | None = Field(description="What can be said of the day; null where it was not looked at.")
+    reason: str = Field(description="Why it could not be searched, or which files were left out; mostly empty.")
     observatories: list[str] = Field(description="Spacecraft that had data; the others had none.")
     code_version: str | None
 
@@ -91,10 +103,14 @@ class DayReply(Reply):
     def of(cls, day: date, known: SearchedDay | None) -> "DayReply":
         """Reply for a day, with what the catalogue has of it."""
         if known is None:
-            return cls(day=day, searched=False, origin=None, observatories=[], code_version=None)
+            return cls(
+                day=day, searched=False, answer=None, reason="", origin=None, observatories=[], code_version=None
+            )
         return cls(
             day=day,
-            searched=True,
+            searched=known.answer not in UNSEARCHED,
+            answer=known.answer,
+            reason=known.reason,
             origin=known.origin,
             observatories=list(known.observatories),
             code_version=known.code_version,
@@ -106,6 +122,8 @@ class DaySummaryReply(Reply):
 
     day: date
     origin: Origin = Field(description=ORIGIN)
+    answer: DayAnswer = Field(description="What can be said of the day.")
+    reason: str = Field(description="Why it could not be searched, or which files were left out; mostly empty.")
     observatories: list[str] = Field(description="Spacecraft that had data; the others had none.")
     detections: int = Field(description="Bursts as single spacecraft heard them.")
     rejected: int = Field(description="Candidates that were refused.")
@@ -123,6 +141,8 @@ class DaySummaryReply(Reply):
         return cls(
             day=known.day,
             origin=known.origin,
+            answer=known.answer,
+            reason=known.reason,
             observatories=list(known.observatories),
             code_version=known.code_version,
             links=day_links(known.day, known.origin),

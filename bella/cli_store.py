@@ -33,7 +33,7 @@ def verify(home: Home = None, as_json: AsJson = False) -> None:
         for group in groups:
             reason = damage_of(group, settings.store_root)
             damaged += [(group, reason)] if reason else []
-            advance()
+            advance(1)
     if as_json:
         rows = [{"store_path": one.store_path, "of": one.belongs_to, "reason": reason} for one, reason in damaged]
         out.print_json(json.dumps({"groups": len(groups), "damaged": rows}))

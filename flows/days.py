@@ -2,11 +2,12 @@
 
 from collections.abc import Sequence
 from datetime import UTC, date, datetime, timedelta
-from typing import Any
+from typing import Any, cast
 
 from prefect import flow
 from prefect.artifacts import create_table_artifact
-from prefect.task_runners import ThreadPoolTaskRunner
+from prefect.futures import PrefectFuture
+from prefect.task_runners import TaskRunner, ThreadPoolTaskRunner
 
 from bella.logs import log_to
 from bella.pipeline.burst import Choice
@@ -18,9 +19,9 @@ from bella.settings import Settings, read_settings
 from flows.tasks import Tasks, run_name
 
 
-def side_by_side() -> ThreadPoolTaskRunner[Any]:
+def side_by_side() -> TaskRunner[PrefectFuture[Any]]:
     """As many days at a time as there are workers, each a task of its own."""
-    return ThreadPoolTaskRunner(max_workers=read_settings().workers)
+    return cast("TaskRunner[PrefectFuture[Any]]", ThreadPoolTaskRunner(max_workers=read_settings().workers))
 
 
 def _processed(days: Sequence[date], archive: str | None, choice: Choice, settings: Settings) -> list[DayOutcome]:

@@ -16,7 +16,7 @@ from bella.pipeline.environment import prepare
 from bella.settings import Settings, read_settings
 
 FIRST_RUN_AFTER = timedelta(seconds=10)
-INGEST = "ingest"
+INGEST, SCHEDULED = "ingest", "scheduled"
 
 
 def intervals_s(settings: Settings) -> dict[str, float]:
@@ -55,6 +55,7 @@ def main(names: Sequence[str] = ()) -> None:
     from prefect import serve  # noqa: PLC0415 - Prefect reads its settings when imported
 
     wanted = names or [name for name in known if name != INGEST]
+    _end_dead_runs(wanted)
     serve(*_deployments(wanted, settings), pause_on_shutdown=False, print_starting_message=False)
 
 
@@ -73,13 +74,39 @@ def _deployments(names: Sequence[str], settings: Settings) -> list[Any]:
     first = datetime.now(UTC) + FIRST_RUN_AFTER
     return [
         flows[name].to_deployment(
-            name="scheduled",
+            name=SCHEDULED,
             schedule=Interval(timedelta(seconds=intervals_s(settings)[name]), anchor_date=first),
             description=(flows[name].description or "").partition("\n")[0],
             concurrency_limit=alone,
         )
         for name in names
     ]
+
+
+def _end_dead_runs(names: Sequence[str]) -> None:
+    """Tell Prefect that runs of a worker that was killed have ended: it would keep their place for ever."""
+    from prefect.client.orchestration import get_client  # noqa: PLC0415
+    from prefect.client.schemas.filters import (  # noqa: PLC0415
+        DeploymentFilter,
+        DeploymentFilterName,
+        FlowFilter,
+        FlowFilterName,
+        FlowRunFilter,
+        FlowRunFilterState,
+        FlowRunFilterStateType,
+    )
+    from prefect.client.schemas.objects import StateType  # noqa: PLC0415
+    from prefect.states import Crashed  # noqa: PLC0415
+
+    alive = FlowRunFilterStateType(any_=[StateType.RUNNING, StateType.PENDING])
+    with get_client(sync_client=True) as client:
+        runs = client.read_flow_runs(
+            flow_filter=FlowFilter(name=FlowFilterName(any_=list(names))),
+            flow_run_filter=FlowRunFilter(state=FlowRunFilterState(type=alive)),
+            deployment_filter=DeploymentFilter(name=DeploymentFilterName(any_=[SCHEDULED])),
+        )
+        for run in runs:
+            client.set_flow_run_state(run.id, Crashed(message="its worker was killed"))
 
 
 def _lay_out(settings: Settings) -> None:

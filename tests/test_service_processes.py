@@ -129,7 +129,10 @@ def test_killed_worker_loses_nothing_and_doubles_nothing(running: Running) -> No
     expected = [running.hand_in(days_later) for days_later in (2, 3, 4)]
     with closing(Catalogue.open(running.catalogue_url)) as catalogue:
         until(
-            lambda: any(run.state == "running" and run.subject != EVENT.name for run in catalogue.stage_runs(5)),
+            lambda: any(
+                run.state == "running" and run.stage == "localise" and run.subject != EVENT.burst_id
+                for run in catalogue.stage_runs(5)
+            ),
             PATIENCE_S,
             f"the worker is at work on a table\n{running.processes.told()}",
         )

@@ -8,11 +8,11 @@ from typing import Any
 
 import pandas as pd
 import pytest
-from flows.day_figure import detection_frame, draw_day, redraw_day
 
 from bella.catalogue import Catalogue
+from bella.pipeline.day import known_burst_ids, known_bursts
+from bella.pipeline.draw import detection_frame, draw_day, redraw_day
 from bella.settings import Settings
-from flows.days import known_burst_ids
 from tests.catalogue.examples import publication
 from tests.catalogue.test_detections import heard as detection
 from tests.pipeline.examples import files_of

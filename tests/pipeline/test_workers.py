@@ -1,0 +1,73 @@
+"""Processes that compute side by side: what they give, what one that is killed leaves, and that none is left behind."""
+
+import multiprocessing
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+
+from bella.exceptions import NoDataError, WorkerLostError
+from bella.pipeline.workers import Workers
+from bella.settings import Settings
+
+
+def square(number: int) -> int:
+    return number * number
+
+
+def refuse(number: int) -> int:
+    raise NoDataError(f"nothing of {number}")
+
+
+def killed() -> None:
+    os.kill(os.getpid(), signal.SIGKILL)
+
+
+def test_results_come_in_the_order_of_what_was_asked(tmp_path: Path) -> None:
+    for number in (1, 2):
+        with Workers(number, Settings(home=tmp_path)) as workers:
+            assert workers.map(square, [(3,), (1,), (2,)]) == [9, 1, 4]
+            with pytest.raises(NoDataError, match="nothing of 7"):
+                workers.call(refuse, 7)
+    assert multiprocessing.active_children() == []
+
+
+def test_a_worker_that_is_killed_is_an_error_that_may_pass(tmp_path: Path) -> None:
+    with Workers(2, Settings(home=tmp_path)) as workers:
+        with pytest.raises(WorkerLostError, match="try again") as caught:
+            workers.call(killed)
+        assert caught.value.retriable
+        assert workers.call(square, 4) == 16, "others take its place"
+
+
+PARENT = """
+import sys, time
+from bella.pipeline.workers import Workers
+from bella.settings import Settings
+import os
+
+if __name__ == "__main__":
+    with Workers(2, Settings()) as workers:
+        print(workers.call(os.getpid), flush=True)
+        time.sleep(600)
+"""
+
+
+def test_workers_end_with_the_process_that_started_them(tmp_path: Path) -> None:
+    (tmp_path / "parent.py").write_text(PARENT)
+    environment = os.environ | {"BELLA_HOME": str(tmp_path / "home")}
+    parent = subprocess.Popen([sys.executable, tmp_path / "parent.py"], env=environment, stdout=subprocess.PIPE)
+    assert parent.stdout is not None
+    worker = Path("/proc") / parent.stdout.readline().decode().strip()
+    assert worker.is_dir()
+    parent.kill()
+    parent.wait()
+    parent.stdout.close()
+    until = time.monotonic() + 120
+    while worker.is_dir() and "State:\tZ" not in (worker / "status").read_text():
+        assert time.monotonic() < until
+        time.sleep(0.1)
