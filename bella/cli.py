@@ -40,6 +40,7 @@ from bella.cli_spectra import EPILOG as FORMATS_EPILOG
 from bella.cli_spectra import formats
 from bella.cli_store import store_app
 from bella.cli_token import token_app
+from bella.cli_webhook import webhook_app
 from bella.exceptions import BellaError, InputError
 from bella.flags import APPARENT_SOURCE
 from bella.logs import log_to
@@ -61,6 +62,7 @@ app = typer.Typer(
 )
 app.add_typer(catalogue_app, name="catalogue")
 app.add_typer(token_app, name="token")
+app.add_typer(webhook_app, name="webhook")
 app.add_typer(store_app, name="store")
 
 out, err = Console(), Console(stderr=True)
