@@ -33,6 +33,8 @@ from bella.cli_fetch import day_range, fetch
 from bella.cli_fit_track import EPILOG as FIT_TRACK_EPILOG
 from bella.cli_fit_track import fit_track
 from bella.cli_output import write_whole
+from bella.cli_prune import EPILOG as PRUNE_EPILOG
+from bella.cli_prune import prune
 from bella.cli_run import Asked, pipeline, progress_bars, run_days, run_event
 from bella.cli_simulate import EPILOG as SIMULATE_EPILOG
 from bella.cli_simulate import simulate
@@ -244,6 +246,7 @@ app.command(epilog=DETECT_EPILOG)(detect)
 app.command(epilog=ARRIVALS_EPILOG)(arrivals)
 app.command(epilog=FETCH_EPILOG)(fetch)
 app.command(epilog=SIMULATE_EPILOG)(simulate)
+app.command(epilog=PRUNE_EPILOG)(prune)
 
 
 def _write_draws(posterior: Any, path: Path) -> None:

@@ -8,6 +8,7 @@ import hashlib
 import hmac
 import ipaddress
 import socket
+import time
 from collections.abc import Callable
 from contextlib import closing
 from dataclasses import dataclass
@@ -33,6 +34,8 @@ AT_ONCE = 100
 TRY_LATER = frozenset({408, 425, 429})
 """Answers of a receiver that is there and cannot take anything now; so does any from 500 on."""
 LONGEST_URL = 2000
+PAUSE_S = 5.0
+"""Between two passes."""
 NAT64 = ipaddress.IPv6Network("64:ff9b::/96")
 """Addresses whose end is one of IPv4 (RFC 6052)."""
 
@@ -178,6 +181,29 @@ def deliver_alerts(settings: Settings, run_id: str = "alerts", now: Callable[[],
         except BusyError as error:
             log.info("alerts are being sent already", reason=str(error))
     return Delivered(taken, refused, away)
+
+
+def deliver_for(settings: Settings, duration_s: float, sleep: Callable[[float], None] = time.sleep) -> int:
+    """Deliver alerts again and again for a while: starting a process for each pass costs more than the pass.
+
+    Parameters
+    ----------
+    settings : Settings
+    duration_s : float
+    sleep : callable
+        Waits so many seconds.
+
+    Returns
+    -------
+    int
+        Alerts that were taken.
+    """
+    end, taken = time.monotonic() + duration_s - PAUSE_S, 0
+    while True:
+        taken += deliver_alerts(settings).taken
+        if time.monotonic() >= end:
+            return taken
+        sleep(PAUSE_S)
 
 
 @dataclass(frozen=True)

@@ -12,6 +12,7 @@ import numpy as np
 import numpy.typing as npt
 from cdflib.cdfwrite import CDF
 
+from bella.records import Origin
 from bella.units import FloatArray
 
 REAL4, REAL8, INT2, UINT1, EPOCH, TT2000 = 21, 22, 2, 11, 31, 33
@@ -116,7 +117,7 @@ def filled(values: npt.NDArray[Any]) -> npt.NDArray[np.float32]:
 
 
 def write_cdf(path: Path, identity: str, variables: Sequence[Variable], compress: int = 6) -> Path:
-    """A CDF with a logical identity.
+    """A CDF with a logical identity, and the mark that it was simulated.
 
     Parameters
     ----------
@@ -135,7 +136,9 @@ def write_cdf(path: Path, identity: str, variables: Sequence[Variable], compress
     """
     path.unlink(missing_ok=True)
     cdf = CDF(str(path), cdf_spec={"Compressed": 0})
-    cdf.write_globalattrs({"Logical_file_id": {0: identity}, "Logical_source": {0: identity}})
+    cdf.write_globalattrs(
+        {"Logical_file_id": {0: identity}, "Logical_source": {0: identity}, "Data_origin": {0: Origin.SIMULATED.value}}
+    )
     for name, kind, values, varies, attributes in variables:
         stored = np.asarray(values)
         spec = {

@@ -8,6 +8,7 @@ import numpy.typing as npt
 import xarray as xr
 
 from bella.exceptions import InputError
+from bella.records import Origin
 from bella.spectra.assembly import cadence_s, label
 from bella.spectra.dynamic_spectrum import POSITION, integration_times_s, sample_times, validate_spectrum
 from bella.spectra.given_positions import join_positions
@@ -204,5 +205,8 @@ def _finish(joined: xr.Dataset, parts: list[xr.Dataset], receiver: str) -> xr.Da
         "integration_s": max(float(part.attrs["integration_s"]) for part in parts),
         "source_files": list(dict.fromkeys(sources)),
     }
+    stated = [str(part.attrs["origin"]) for part in parts if "origin" in part.attrs]
+    if stated:  # what is simulated in part is not measured
+        joined.attrs["origin"] = max(stated, key=[*Origin].index)
     placed = join_positions(joined.transpose("time", "frequency"), parts)
     return label(validate_spectrum(placed, ", ".join(sources)))

@@ -2,12 +2,17 @@
 
 from pathlib import Path
 
+import xarray as xr
+
 from bella.exceptions import InputError
+from bella.records import Origin
 from bella.spectra.cdf import MAGIC, CdfFile, open_cdf
 from bella.spectra.cf_files import ZARR_MARKS, open_cf
 from bella.spectra.products import Product, Spectra, find_product
 
 HDF5, NETCDF3, IDL = b"\x89HDF", b"CDF", b"SR\x00"
+ORIGIN_ATTRIBUTE = "Data_origin"
+"""Global attribute of a CDF that was not measured: `simulated`, `test`."""
 CONTAINERS = {"cdf": "a CDF", "idl": "an IDL save set", "binary": "a binary", "text": "a table", "cf": "netCDF"}
 
 
@@ -67,7 +72,17 @@ def _open_archive_cdf(path: Path) -> Spectra:
             raise InputError(f"{path} has no variable {absent[0]!r}: it is not {product.name} as its name says")
         if product.read is None:
             raise InputError(f"{path} is CDF, but {product.name} is not")
-        return product.read(cdf, receiver)
+        return tuple(_with_origin(one, cdf) for one in product.read(cdf, receiver))
+
+
+def _with_origin(spectrum: xr.Dataset, cdf: CdfFile) -> xr.Dataset:
+    """Spectrum with where its file says that it comes from; files of the archives do not say it."""
+    stated = cdf.attribute(ORIGIN_ATTRIBUTE)
+    if not stated:
+        return spectrum
+    if stated not in set(Origin):
+        raise InputError(f"{cdf.name} says that its origin is {stated[:40]!r}: use one of {', '.join(Origin)}")
+    return spectrum.assign_attrs(origin=stated)
 
 
 def _product_of(cdf: CdfFile) -> tuple[Product, str]:

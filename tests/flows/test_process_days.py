@@ -17,11 +17,13 @@ import numpy as np
 import pytest
 
 from bella.catalogue import Catalogue
+from bella.records import Origin
 from bella.simulation.archive_days import simulate_days, sky_of
 from bella.simulation.burst import source_position_rsun
 from tests.commands import BELLA, Sandbox
 from tests.plotting.test_fleet import green, height
 
+SIMULATED = (Origin.SIMULATED,)
 DAY, SEED = date(2021, 2, 1), 1
 DATASETS = (
     "WI_H1_WAV",
@@ -75,6 +77,7 @@ def test_bursts_of_a_day_are_placed_where_they_were(processed: Processed) -> Non
     assert processed.day["state"] == "searched"
     assert set(processed.day["observatories"]) == {"WIND", "STEREO-A", "SOLO"}
     assert processed.day["localised"]
+    assert all(name.startswith("SIM-") for name in processed.day["localised"])
     with closing(catalogue_of(processed.sandbox)) as catalogue:
         for name in processed.day["localised"]:
             summary = catalogue.burst(name)
@@ -100,8 +103,12 @@ def utc(moment: np.datetime64) -> datetime:
 
 def test_every_burst_is_in_the_catalogue_with_its_reason(processed: Processed) -> None:
     with closing(catalogue_of(processed.sandbox)) as catalogue:
-        found = catalogue.detections(START, STOP)
-        day = catalogue.searched_day(DAY)
+        found = catalogue.detections(START, STOP, origins=SIMULATED)
+        day = catalogue.searched_day(DAY, SIMULATED)
+        assert catalogue.detections(START, STOP) == ()
+        assert catalogue.searched_day(DAY) is None
+        assert catalogue.bursts().total == 0
+        assert catalogue.alerts() == ()
     assert day is not None
     assert set(day.observatories) == {"WIND", "STEREO-A", "SOLO"}
     placed = {one.burst_id for one in found if one.tier == "localisable"}
@@ -114,7 +121,7 @@ def test_every_burst_is_in_the_catalogue_with_its_reason(processed: Processed) -
 
 
 def test_the_day_is_drawn_and_drawn_again_where_it_was_not(processed: Processed) -> None:
-    figure = processed.sandbox.home / "figures" / "days" / f"{DAY}.png"
+    figure = processed.sandbox.home / "figures" / "days" / f"{DAY}-simulated.png"
     assert [entry.name for entry in figure.parent.iterdir()] == [figure.name]
     assert green(figure) > 0.0, "boxes of bursts that were placed"
     drawn = figure.read_bytes()
@@ -130,7 +137,7 @@ def test_later_data_refine_the_same_bursts_and_nothing_else_is_done(processed: P
     sandbox = processed.sandbox
     again = process(sandbox, processed.archive)
     assert (again["state"], again["localised"]) == ("nothing new", [])
-    figure = sandbox.home / "figures" / "days" / f"{DAY}.png"
+    figure = sandbox.home / "figures" / "days" / f"{DAY}-simulated.png"
     three = height(figure)
 
     refined = process(sandbox, archive)
@@ -175,7 +182,7 @@ def test_a_run_that_is_killed_leaves_nothing_half_done_and_loses_nothing(archive
     os.killpg(victim.pid, signal.SIGKILL)
     victim.wait()
     with closing(catalogue_of(sandbox)) as catalogue:
-        assert catalogue.searched_day(DAY) is None
+        assert catalogue.searched_day(DAY, SIMULATED) is None
 
     day = process(sandbox, archive)
 

@@ -20,7 +20,7 @@ import pytest
 from bella.catalogue import Catalogue, Webhook
 from bella.exceptions import InputError
 from bella.formats.alerts import alert_schema
-from bella.pipeline.alerts import Delivered, _is_public, check_address, deliver_alerts, signature, wait_s
+from bella.pipeline.alerts import Delivered, _is_public, check_address, deliver_alerts, deliver_for, signature, wait_s
 from bella.records import Origin
 from bella.settings import Settings
 from tests.catalogue.examples import burst, publication
@@ -182,9 +182,7 @@ def test_a_refused_alert_holds_back_its_own_burst_alone(service: Service, receiv
 
 
 @pytest.mark.parametrize("status", [408, 429, 500, 503])
-def test_a_receiver_that_cannot_now_is_left_alone_for_a_while(
-    service: Service, receiver: Receiver, status: int
-) -> None:
+def test_a_receiver_that_cannot_now_is_left_alone(service: Service, receiver: Receiver, status: int) -> None:
     service.publish("h1")
     service.publish("h1", "T3-other")
     receiver.answer = lambda _: status
@@ -315,3 +313,15 @@ def test_what_is_no_address_says_so(url: str, words: str) -> None:
 
 def test_waits_double_up_to_half_an_hour() -> None:
     assert [wait_s(failures) for failures in (0, 1, 2, 7, 8, 10**6)] == [10.0, 20.0, 40.0, 1280.0, 1800.0, 1800.0]
+
+
+def test_passes_follow_one_another_until_the_time_is_over(service: Service, receiver: Receiver) -> None:
+    pauses: list[float] = []
+
+    def next_alert(pause_s: float) -> None:
+        pauses.append(pause_s)
+        service.publish(f"h{len(pauses)}")
+
+    assert deliver_for(service.settings, 5.5, next_alert) > 0
+    assert set(pauses) == {5.0}
+    assert receiver.sequences[0] == 1
