@@ -10,7 +10,22 @@ from fastapi.staticfiles import StaticFiles
 
 from api.errors import DESCRIBED, install_error_handlers
 from api.headers import install_headers
-from api.routers import alerts, arrivals, bursts, days, detections, figures, health, pages, solutions
+from api.routers import (
+    alerts,
+    arrivals,
+    bursts,
+    days,
+    detections,
+    figures,
+    hapi,
+    health,
+    observability,
+    pages,
+    quirks,
+    solutions,
+    status,
+    tables,
+)
 from api.service import Service
 from bella import __version__
 from bella.logs import log_to
@@ -46,7 +61,22 @@ def create_app(settings: Settings | None = None) -> FastAPI:
     app.state.service = Service(settings)
     install_error_handlers(app)
     install_headers(app)
-    for module in (alerts, bursts, detections, solutions, figures, arrivals, health, days, pages):
+    for module in (
+        alerts,
+        bursts,
+        detections,
+        solutions,
+        figures,
+        arrivals,
+        tables,
+        hapi,
+        quirks,
+        health,
+        status,
+        observability,
+        days,
+        pages,
+    ):
         app.include_router(module.router)
     app.mount("/static", StaticFiles(directory=STATIC), name="static")
     return app

@@ -69,11 +69,16 @@ class ForbiddenError(InputError):
     """The token is known, and does not allow this."""
 
 
+class NotAcceptableError(InputError):
+    """The Accept header of a request allows none of the formats there are."""
+
+
 STATUS: dict[type[BellaError], tuple[HTTPStatus, str]] = {
     UnauthorisedError: (HTTPStatus.UNAUTHORIZED, "A token is needed"),
     ForbiddenError: (HTTPStatus.FORBIDDEN, "The token does not allow this"),
     TooLargeError: (HTTPStatus.REQUEST_ENTITY_TOO_LARGE, "The table is too large"),
     MediaTypeError: (HTTPStatus.UNSUPPORTED_MEDIA_TYPE, "The media type is not known"),
+    NotAcceptableError: (HTTPStatus.NOT_ACCEPTABLE, "No such format"),
     GeometryError: (HTTPStatus.UNPROCESSABLE_ENTITY, "The geometry does not allow this"),
     InputError: (HTTPStatus.UNPROCESSABLE_ENTITY, "The request is wrong"),
     NoDataError: (HTTPStatus.NOT_FOUND, "Not found"),

@@ -169,12 +169,6 @@ class SolutionChoice(_Query):
     version: int | None = Field(None, ge=1, description="Version; without it, the newest.")
 
 
-class TrackChoice(SolutionChoice):
-    """Which solution, and in which format."""
-
-    format: Literal["json", "csv"] | None = Field(None, description="Format; without it, as the Accept header says.")
-
-
 class SeriesChoice(_Query):
     """Which series the figures show; without parameters, the preferred one with the other edges of its kind."""
 

@@ -201,16 +201,15 @@ def serve(
     port: Annotated[int, typer.Option(min=1, max=65535, help="Port to listen on.")] = 8000,
 ) -> None:
     """Serve the catalogue: REST API and pages."""
-    import uvicorn
-
     from api.app import create_app
+    from api.serve import run as run_server
 
     settings = settings_of(home)
     log_to(None)
     settings.home.mkdir(parents=True, exist_ok=True)
     open_catalogue(settings, create=True).close()
     err.print(f"Catalogue of {settings.home.resolve()} on http://{host}:{port}")
-    uvicorn.run(create_app(settings), host=host, port=port, log_level="warning")
+    run_server(create_app(settings), host, port)
 
 
 @app.command(epilog="Example: bella status --json")

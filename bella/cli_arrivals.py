@@ -61,9 +61,9 @@ def arrivals(  # noqa: PLR0913, PLR0917 - one argument per option
             raise InputError(f"folder {path.parent} does not exist; make it or name another")
     moment = instant(around)
     know_updates()
-    spectra = read_fleet(spectrum)
+    spectra, left_out = read_fleet(spectrum)
     timed = _timed(spectra, moment, edge)
-    rows, table = _rows(timed, frequencies, per_channel=per_channel)
+    rows, table = _rows(timed, spectra, frequencies, per_channel=per_channel)
     if per_channel:
         write_table(timed.edges, output)
     else:
@@ -77,6 +77,8 @@ def arrivals(  # noqa: PLR0913, PLR0917 - one argument per option
     if figures is not None:
         _draw(figures, spectra, timed, None if per_channel else table)
     _say(timed, edge, output)
+    if left_out or set(spectra) - set(timed.edges["observatory"]):
+        raise typer.Exit(1)
 
 
 def _timed(spectra: "dict[str, xr.Dataset]", moment: "np.datetime64", edge: str) -> "TimedBurst":
@@ -95,13 +97,46 @@ def _timed(spectra: "dict[str, xr.Dataset]", moment: "np.datetime64", edge: str)
     return time_burst(parts, edge)
 
 
-def _rows(timed: "TimedBurst", number: int, *, per_channel: bool) -> "tuple[Timed, pd.DataFrame]":
+def _rows(
+    timed: "TimedBurst", spectra: "dict[str, xr.Dataset]", number: int, *, per_channel: bool
+) -> "tuple[Timed, pd.DataFrame]":
+    """Arrival times and their table; of one spacecraft with few edges the channels themselves."""
     from bella.bursts.timing import arrival_frame, arrivals_at, shared_frequencies_mhz
 
     if per_channel:
         return timed.noise, timed.edges
-    rows = arrivals_at(timed, shared_frequencies_mhz(timed, number))
-    return rows, arrival_frame(timed, rows)
+    shared_mhz = shared_frequencies_mhz(timed, number)
+    names = list(dict.fromkeys(timed.edges["observatory"]))
+    if len(names) == 1 and not (timed.bands_mhz and shared_mhz.size):
+        if not timed.noise.frequency_mhz.size:
+            raise NoDataError(f"no channel of {names[0]} has an edge without a flag; see them with --per-channel")
+        rows = timed.noise
+    else:
+        rows = arrivals_at(timed, shared_mhz)
+    return rows, _placed(arrival_frame(timed, rows), spectra, timed.reference_utc)
+
+
+def _placed(table: "pd.DataFrame", spectra: "dict[str, xr.Dataset]", utc: "np.datetime64") -> "pd.DataFrame":
+    """The table with the positions that come with the spectra, where they agree with the ephemeris or it has none."""
+    from bella.spectra import receiver_position
+
+    columns = ["x_rsun", "y_rsun", "z_rsun"]
+    for name in dict.fromkeys(table["observatory"]):
+        try:
+            there = receiver_position(spectra[name], utc)
+        except NoDataError as error:
+            err.print(f"Without a position: {error}", soft_wrap=True, highlight=False)
+            continue
+        if there.flag:
+            err.print(
+                f"{name}: the position in its file is {there.difference_km:.0f} km from the ephemeris, which is taken",
+                soft_wrap=True,
+                highlight=False,
+            )
+        if there.source == "file":
+            for column, value in zip(columns, there.position_rsun, strict=True):
+                table.loc[table["observatory"] == name, column] = value
+    return table
 
 
 def _draw(folder: Path, spectra: "dict[str, xr.Dataset]", timed: "TimedBurst", table: "pd.DataFrame | None") -> None:

@@ -13,7 +13,7 @@ from rich.table import Table
 
 from bella.cli_ephemeris import know_updates
 from bella.cli_output import write_whole
-from bella.exceptions import InputError
+from bella.exceptions import BellaError, InputError
 from bella.flags import REJECTED
 
 if TYPE_CHECKING:
@@ -40,8 +40,8 @@ def detect(
     if not output.parent.is_dir():
         raise InputError(f"folder {output.parent} does not exist; make it or name another --output")
     know_updates()
-    spectra = read_fleet(spectrum)
-    table = _detections(spectra)
+    spectra, left_out = read_fleet(spectrum)
+    table, not_searchable = _detections(spectra)
     write_table(table, output)
     if figures is not None:
         from bella.plotting import write_spectrum_png
@@ -50,13 +50,15 @@ def detect(
             write_spectrum_png(figures / f"{name}.png", one, table)
     if as_json:
         out.print_json(table.to_json(orient="records", date_format="iso"))
-        return
-    out.print(_shown(table))
-    out.print(f"Table  {output}", soft_wrap=True, highlight=False)
+    else:
+        out.print(_shown(table, len(spectra) - len(not_searchable)))
+        out.print(f"Table  {output}", soft_wrap=True, highlight=False)
+    if left_out or not_searchable:
+        raise typer.Exit(1)
 
 
-def read_fleet(paths: list[Path]) -> "dict[str, xr.Dataset]":
-    """One spectrum per spacecraft from files.
+def read_fleet(paths: list[Path]) -> "tuple[dict[str, xr.Dataset], int]":
+    """One spectrum per spacecraft from files; each that cannot be read is told on the standard error and left out.
 
     Parameters
     ----------
@@ -64,26 +66,37 @@ def read_fleet(paths: list[Path]) -> "dict[str, xr.Dataset]":
 
     Returns
     -------
-    dict of str to xarray.Dataset
+    spectra : dict of str to xarray.Dataset
         By observatory.
+    left_out : int
+        How many files were left out.
 
     Raises
     ------
     InputError
-        If a file cannot be read.
+        If no file can be read.
     """
     from bella.spectra import by_observatory, open_spectra
 
     with Progress(console=err, transient=True) as bar:
         task = bar.add_task("read", total=len(paths))
         found: list[xr.Dataset] = []
+        faults: list[BellaError] = []
         for path in paths:
-            found += open_spectra(path)
+            try:
+                found += open_spectra(path)
+            except BellaError as error:
+                faults.append(error)
             bar.advance(task)
-    return by_observatory(found)
+    if faults and not found:
+        raise faults[0]
+    for error in faults:
+        err.print(f"Left out: {error}", soft_wrap=True, highlight=False)
+    return by_observatory(found), len(faults)
 
 
-def _detections(spectra: "dict[str, xr.Dataset]") -> "pd.DataFrame":
+def _detections(spectra: "dict[str, xr.Dataset]") -> "tuple[pd.DataFrame, list[str]]":
+    """Detection table, and the spacecraft whose spectra cannot be searched."""
     from bella.bursts.association import associate, association_table, has_position
     from bella.bursts.detection import search
 
@@ -92,7 +105,13 @@ def _detections(spectra: "dict[str, xr.Dataset]") -> "pd.DataFrame":
     if unknown:
         message = f"Not compared, not in the ephemeris at this time: {', '.join(unknown)}"
         err.print(message, soft_wrap=True, highlight=False)
-    return association_table(associate(searched), searched)
+    not_searchable = [one for one in searched if one.not_searchable]
+    for one in not_searchable:
+        files = ", ".join(str(name) for name in spectra[one.observatory].attrs["source_files"])
+        message = f"Not searchable: {one.observatory} ({files}): {one.not_searchable}; give a file of another receiver"
+        err.print(message, soft_wrap=True, highlight=False)
+    table = association_table(associate(searched), searched)
+    return table, [one.observatory for one in not_searchable]
 
 
 def write_table(table: "pd.DataFrame", path: Path) -> None:
@@ -115,7 +134,7 @@ def write_table(table: "pd.DataFrame", path: Path) -> None:
     write_whole(path, stamped.to_csv(index=False))
 
 
-def _shown(table: "pd.DataFrame") -> Table:
+def _shown(table: "pd.DataFrame", searched: int) -> Table:
     shown = Table(*SHOWN, box=SIMPLE_HEAD, pad_edge=False, caption_justify="left")
     for row in json.loads(table[table["tier"] != REJECTED].to_json(orient="records", date_format="iso")):
         band = f"{row['f_low_mhz']:.2f}-{row['f_high_mhz']:.3g}"
@@ -123,5 +142,7 @@ def _shown(table: "pd.DataFrame") -> Table:
         onset = row["start_utc"][:16].replace("T", " ")
         shown.add_row(onset, row["observatory"], band, f"{row['score']:.0f}", verdict)
     counts = Counter(table["tier"])
-    shown.caption = ", ".join(f"{number} {tier}" for tier, number in counts.items()) or "no burst found"
+    shown.caption = ", ".join(f"{number} {tier}" for tier, number in counts.items()) or (
+        "no burst found" if searched else "not searchable"
+    )
     return shown

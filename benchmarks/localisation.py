@@ -10,14 +10,11 @@ from bella.arrivals import ArrivalGrid, arrival_grid, locate_receivers
 from bella.bursts import published_arrivals
 from bella.multilateration import uncertainty_map
 from bella.multilateration.cells import divide
-from bella.multilateration.draws import draw
-from bella.multilateration.exact import BATCH, exact_posterior
-from bella.multilateration.likelihood import IntArray, Problems, problems_of
-from bella.multilateration.moments import moments_of
 from bella.multilateration.nuts import sample_frequency
+from bella.multilateration.posterior import BATCH, Recipe, draw, exact_posterior, moments_of
 from bella.multilateration.priors import Preset, Priors, apply_sigma_rule, find_preset
-from bella.multilateration.solution import Recipe
-from bella.multilateration.tdoa_posterior import tdoa_posterior
+from bella.multilateration.problems import IntArray, Problems, problems_of
+from bella.multilateration.tdoa import tdoa_posterior
 from bella.units import AU_RSUN, C_RSUN_S
 
 Row = tuple[str, str, str]

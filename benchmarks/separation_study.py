@@ -15,10 +15,10 @@ from rich.table import Table
 
 from bella.heliosphere import PAPER_FIGURES_ROTATION_D, spiral_longitude_deg
 from bella.multilateration.cells import divide
-from bella.multilateration.exact_map import Receivers, exact_covariance, noise_free_arrivals
-from bella.multilateration.likelihood import Problems, problems_of
-from bella.multilateration.moments import moments_of
+from bella.multilateration.posterior import moments_of
 from bella.multilateration.priors import Priors
+from bella.multilateration.problems import Problems, problems_of
+from bella.multilateration.uncertainty_map import Receivers, exact_covariance, noise_free_arrivals
 from bella.units import AU_RSUN, FloatArray
 
 PRIORS = Priors()

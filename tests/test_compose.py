@@ -1,6 +1,5 @@
 """docker-compose.yml and the Dockerfiles, as far as they can be held to account without a container engine."""
 
-import importlib
 import os
 import re
 import shutil
@@ -10,14 +9,17 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from typer.testing import CliRunner
 
 import bella
+from bella.cli import app
 from bella.settings import Settings
 from tests.service_processes.compose import FILE, ROOT, VARIABLE, composed, interpolated, services
 from tests.service_processes.postgres import statements_at_first_start
 
 SERVICES = sorted(services())
-OURS = ("prefect", "worker", "api")
+OURS = ("prefect", "fetcher", "worker", "api")
+READERS = ("fetcher", "worker", "api")
 DOCKERFILES = {"flows": ROOT / "flows" / "Dockerfile", "api": ROOT / "api" / "Dockerfile"}
 FIELDS = {f"BELLA_{name.upper()}" for name in Settings.model_fields}
 PASSWORD = {"BELLA_DB_PASSWORD": "aPasswordOfATest"}
@@ -93,32 +95,47 @@ def test_service_waits_until_what_it_needs_is_healthy(name: str) -> None:
 
 
 def test_commands_can_be_run() -> None:
-    for name in ("prefect", "worker"):
+    for name in ("prefect", "worker", "api"):
         python, minus_m, module, *_ = services()[name]["command"]
         assert (python, minus_m) == ("python", "-m")
         assert find_spec(module) is not None
-    uvicorn, target, *options = services()["api"]["command"]
-    module, _, factory = target.partition(":")
-    assert uvicorn == "uvicorn"
-    assert "--factory" in options
-    assert callable(getattr(importlib.import_module(module), factory))
+    bella_command, *words = services()["fetcher"]["command"]
+    assert bella_command == "bella"
+    assert CliRunner().invoke(app, [*words, "--from", "2012-06-07"]).exception is not None
+    assert CliRunner().invoke(app, [words[0], "--help"]).exit_code == 0
 
 
-@pytest.mark.parametrize("name", ["worker", "api"])
+@pytest.mark.parametrize("name", READERS)
 def test_every_setting_is_passed_on_and_nothing_else(name: str) -> None:
     given = {variable for variable in services()[name]["environment"] if variable.startswith("BELLA_")}
     assert given == FIELDS
 
 
-def test_worker_and_api_read_the_same_settings() -> None:
-    worker, api = (services()[name]["environment"] for name in ("worker", "api"))
-    assert {name: worker[name] for name in FIELDS} == {name: api[name] for name in FIELDS}
+def test_all_read_the_same_settings() -> None:
+    fetcher, *others = ({field: services()[name]["environment"][field] for field in FIELDS} for name in READERS)
+    assert others == [fetcher, fetcher]
 
 
 def test_api_may_change_the_incoming_tables_only() -> None:
     mounts = dict(mount.split(":", 1) for mount in services()["api"]["volumes"])
-    assert mounts == {"home": "/var/lib/bella:ro", "incoming": f"/var/lib/bella/{Settings().incoming_root.name}"}
+    assert mounts == {
+        "home": "/var/lib/bella:ro",
+        "incoming": f"/var/lib/bella/{Settings().incoming_root.name}",
+        "mirror": f"/var/lib/bella/{Settings().mirror_root.name}:ro",
+    }
     assert set(composed()["volumes"]) == {"database", *mounts}
+
+
+def test_fetcher_alone_changes_the_mirror_and_may_change_nothing_else() -> None:
+    mirror = f"/var/lib/bella/{Settings().mirror_root.name}"
+    assert services()["fetcher"]["volumes"] == [f"mirror:{mirror}"]
+    assert f"mirror:{mirror}:ro" in services()["worker"]["volumes"]
+    given = services()["fetcher"]["environment"]
+    for name in ("BELLA_IN_SITU", "BELLA_REGIONS"):
+        assert interpolated(given[name], {}).startswith(f"{mirror}/")
+    extension = Settings(home=Path("/var/lib/bella")).ephemeris_extension
+    assert extension.is_relative_to(mirror)
+    assert int(interpolated(given["BELLA_RECENT_DAYS"], {})) > 125  # the last data come after four months
 
 
 def test_api_listens_on_this_machine_only_unless_told_otherwise() -> None:
@@ -126,7 +143,7 @@ def test_api_listens_on_this_machine_only_unless_told_otherwise() -> None:
     assert list(published) == ["api"]
     assert [interpolated(port, {}) for port in published["api"]] == ["127.0.0.1:8000:8000"]
     assert composed()["networks"]["inside"] == {"internal": True}
-    assert [name for name in SERVICES if services()[name]["networks"] != ["inside"]] == ["api"]
+    assert [name for name in SERVICES if services()[name]["networks"] != ["inside"]] == ["api", "fetcher"]
 
 
 def test_nothing_calls_home() -> None:
@@ -153,13 +170,14 @@ def test_example_of_env_names_every_variable_with_its_default() -> None:
     text = (ROOT / ".env.example").read_text(encoding="utf-8")
     named = dict(re.findall(r"^(?:# )?(BELLA_\w+)=(.*)$", text, flags=re.MULTILINE))
     left_open = {name for name, value in services()["worker"]["environment"].items() if value is None}
-    filled_in = {match["name"]: match["word"] for match in VARIABLE.finditer(FILE.read_text(encoding="utf-8"))}
+    filled_in = {match["name"]: match["word"] or "" for match in VARIABLE.finditer(FILE.read_text(encoding="utf-8"))}
     assert set(named) == left_open | set(filled_in)
     for name in left_open:
         default = Settings.model_fields[name.removeprefix("BELLA_").lower()].default
         assert (type(default)(named[name]) if default is not None else named[name] or None) == default
     assert named["BELLA_DB_PASSWORD"] == ""
-    assert {named[name] for name in filled_in if name != "BELLA_DB_PASSWORD"} == {"127.0.0.1", "8000"}
+    defaults = {name: word for name, word in filled_in.items() if name != "BELLA_DB_PASSWORD"}
+    assert {name: named[name] for name in defaults} == defaults
 
 
 @pytest.mark.parametrize("room", DOCKERFILES)
@@ -169,7 +187,7 @@ def test_dockerfile_installs_the_lock_and_ends_as_an_ordinary_user(room: str) ->
     assert f"{final[0]} AS build" == build[0]
     assert any("--require-hashes" in line and "runtime.txt" in line for line in build)
     users = [line.split()[1] for line in final if line.startswith("USER ")]
-    assert users == [services()["worker"]["user"]] == [services()["api"]["user"]]
+    assert users == [services()["worker"]["user"]] == [services()["api"]["user"]] == [services()["fetcher"]["user"]]
     assert "http" not in " ".join([*build, *final])
 
 

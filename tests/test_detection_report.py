@@ -43,7 +43,6 @@ def test_page_tells_storms_from_other_days() -> None:
     assert calm <= 0.1
 
 
-@pytest.mark.skip(reason="days of an earlier simulator: count them with python -m benchmarks.detection")
 @pytest.mark.parametrize("number", RECOMPUTED)
 def test_days_can_be_counted_again(number: int) -> None:
     fleet = FLEET_DAYS[number]

@@ -2,12 +2,14 @@
 
 import dataclasses
 import math
+from dataclasses import replace
 from typing import Annotated, Any
 
-from fastapi import APIRouter, Header, Query, Request, Response
+from fastapi import APIRouter, Query, Request, Response
 from fastapi.responses import PlainTextResponse
 
-from api.queries import BurstFilter, FrequencyChoice, SolutionChoice, TrackChoice, chosen, one_per_edge
+from api.queries import FrequencyChoice, SolutionChoice, one_per_edge
+from api.queries import chosen as chosen_solution
 from api.schemas import (
     BurstReply,
     BurstsReply,
@@ -22,6 +24,7 @@ from api.schemas import (
     zarr_path,
 )
 from api.service import CatalogueHere, ServiceHere
+from api.tables import JSON, BurstTableFilter, TableChoice, asked_format, burst_table, localisation_table, table_reply
 from api.wording import APPARENT_SOURCE
 from bella.catalogue import Catalogue, Localisation, Solution
 from bella.formats import localisation_csv
@@ -31,11 +34,15 @@ from bella.plotting.listing import significant
 router = APIRouter(prefix="/api/v1", tags=["bursts"])
 
 
-@router.get("/bursts")
-def bursts(request: Request, catalogue: CatalogueHere, wanted: Annotated[BurstFilter, Query()]) -> BurstsReply:
-    """Bursts in a time range, heard by given observatories, without given quality flags."""
-    page = catalogue.bursts(wanted.query())
+@router.get("/bursts", response_model=BurstsReply)
+def bursts(
+    request: Request, catalogue: CatalogueHere, wanted: Annotated[BurstTableFilter, Query()]
+) -> BurstsReply | Response:
+    """Bursts in a time range, heard by given observatories, without given quality flags; as JSON or as a table."""
+    chosen, page = asked_format(request, wanted.format), catalogue.bursts(wanted.query())
     following = str(request.url.include_query_params(cursor=page.next_cursor)) if page.next_cursor else None
+    if chosen is not JSON:
+        return table_reply(chosen, burst_table(page.bursts), "bursts", following)
     return BurstsReply(
         bursts=[BurstReply.of(summary) for summary in page.bursts],
         total=page.total,
@@ -63,22 +70,26 @@ def versions(burst_id: str, catalogue: CatalogueHere) -> VersionsReply:
     responses={200: {"content": {"text/csv": {}}, "description": "Localisation table and track fit."}},
 )
 def track(
+    request: Request,
     burst_id: str,
     catalogue: CatalogueHere,
-    choice: Annotated[TrackChoice, Query()],
-    accept: Annotated[str, Header()] = "",
+    choice: Annotated[TableChoice, Query()],
 ) -> TrackReply | Response:
-    """Localisation table and track fit of one solution, as JSON or CSV."""
+    """Localisation table and track fit of one solution as JSON, or the localisation table alone in another format."""
+    chosen = asked_format(request, choice.format)
     solution = pick(catalogue, burst_id, choice)
     rows = [_record(row) for row in catalogue.localisations(solution.solution_id)]
     fit = catalogue.track_fit(solution.solution_id)
-    if choice.format == "csv" or (choice.format is None and "text/csv" in accept and "json" not in accept):
-        name = f"{burst_id}_{solution.series.edge}_{solution.series.preset}_v{solution.version}.csv"
+    name = f"{burst_id}_{solution.series.edge}_{solution.series.preset}_v{solution.version}"
+    if chosen.name == "csv":
         return PlainTextResponse(
             localisation_csv(rows, table_header(solution)),
             media_type="text/csv",
-            headers={"Content-Disposition": f'attachment; filename="{name}"', "Vary": "Accept"},
+            headers={"Content-Disposition": f'attachment; filename="{name}.csv"', "Vary": "Accept"},
         )
+    if chosen is not JSON:
+        table = localisation_table(catalogue, [solution])
+        return table_reply(chosen, replace(table, header=table_header(solution)), name)
     return TrackReply(
         burst_id=burst_id,
         **said_of(solution),
@@ -130,7 +141,7 @@ def regions(burst_id: str, service: ServiceHere, choice: Annotated[FrequencyChoi
 def pick(catalogue: Catalogue, burst_id: str, choice: SolutionChoice) -> Solution:
     """The solution of a burst that a choice means; older versions only when the version is named."""
     known = catalogue.burst(burst_id).solutions if choice.version is None else catalogue.versions(burst_id)
-    return chosen(tuple(known), choice, burst_id)
+    return chosen_solution(tuple(known), choice, burst_id)
 
 
 def versions_of(solutions: tuple[Solution, ...]) -> list[VersionReply]:

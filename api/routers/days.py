@@ -16,7 +16,7 @@ from api.rendering import render
 from api.schemas import day_links
 from api.service import CatalogueHere, ServiceHere
 from api.wording import NOT_COMPARED
-from bella.catalogue import BurstQuery, Catalogue, DayPage, DaySummary, Detection
+from bella.catalogue import BurstQuery, Catalogue, DayPage, DaySummary, Detection, ObservedDay
 from bella.exceptions import InputError, NoDataError
 from bella.flags import REJECTED
 from bella.records import ALL_ORIGINS, REAL_ORIGINS, Origin, origins_asked
@@ -97,6 +97,7 @@ def day_page(request: Request, day: str, service: ServiceHere, catalogue: Catalo
         rejected=[one for one in found if one.tier == REJECTED],
         before=before,
         after=after,
+        observed=_observed(catalogue, wanted) if origins[0] in REAL_ORIGINS else None,
     )
 
 
@@ -112,6 +113,14 @@ def _origins(request: Request) -> tuple[Origin, ...]:
         return origins_asked(request.query_params.get("origin") or None)
     except ValueError as error:
         raise InputError(f"origin: give one of {', '.join([*Origin, ALL_ORIGINS])}") from error
+
+
+def _observed(catalogue: Catalogue, day: date) -> ObservedDay | None:
+    """Observability of a day; None where it was searched before there was one."""
+    try:
+        return catalogue.operation.observed(day)
+    except NoDataError:
+        return None
 
 
 def _with_page(catalogue: Catalogue, day: date) -> frozenset[str]:

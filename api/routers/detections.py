@@ -1,25 +1,34 @@
 """Detections: what each spacecraft heard on the days that were searched, placed or not, and why not."""
 
+from dataclasses import replace
 from typing import Annotated
 
 from fastapi import APIRouter, Query, Request, Response
 from fastapi.responses import FileResponse
 
 from api.freshness import REVALIDATE, file_tag, is_known, not_modified
-from api.queries import DayFilter, DetectionFilter, OriginChoice, parse_day
+from api.queries import DayFilter, OriginChoice, parse_day
 from api.schemas import API, DayReply, DaysReply, DaySummaryReply, DetectionReply, DetectionsReply
 from api.service import CatalogueHere, ServiceHere
+from api.tables import JSON, DetectionTableFilter, asked_format, detection_table, table_reply
 from bella.exceptions import NoDataError
 
 router = APIRouter(prefix="/api/v1", tags=["detections"])
 
 
-@router.get("/detections")
-def detections(catalogue: CatalogueHere, wanted: Annotated[DetectionFilter, Query()]) -> DetectionsReply:
+@router.get("/detections", response_model=DetectionsReply)
+def detections(
+    request: Request, catalogue: CatalogueHere, wanted: Annotated[DetectionTableFilter, Query()]
+) -> DetectionsReply | Response:
     """Detections of a time range by onset; a tier other than "localisable" comes with its reason."""
+    chosen = asked_format(request, wanted.format)
     start, stop = wanted.interval()
     found = catalogue.detections(start, stop, wanted.observatory, wanted.limit + 1, wanted.origins)
     shown = found[: wanted.limit]
+    if chosen is not JSON:
+        cut = {"truncated": "yes: ask for a shorter range"} if len(found) > wanted.limit else {}
+        table = detection_table(shown)
+        return table_reply(chosen, replace(table, header={**table.header, **cut}), "detections")
     return DetectionsReply(
         detections=[DetectionReply.of(one) for one in shown],
         returned=len(shown),

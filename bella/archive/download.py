@@ -9,7 +9,7 @@ import hashlib
 import json
 import os
 import struct
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass
 from datetime import UTC, datetime, timedelta
@@ -191,6 +191,32 @@ def is_due_again(target: Path, now: datetime) -> bool:
         return True
     asked = datetime.fromtimestamp(_beside(target, "json").stat().st_mtime, UTC)
     return now - asked >= max(asked - datetime.fromisoformat(recorded[-1].fetched_utc), ASKED_AGAIN_AFTER)
+
+
+@dataclass(frozen=True)
+class Received:
+    """When the last of several files was first listed by its archive, and when it was in the mirror, where known."""
+
+    seen_utc: datetime | None = None
+    fetched_utc: datetime | None = None
+
+
+def received(paths: Iterable[Path]) -> Received:
+    """When files of the mirror came.
+
+    Parameters
+    ----------
+    paths : iterable of pathlib.Path
+
+    Returns
+    -------
+    Received
+        Of the last of them, as far as their records say.
+    """
+    newest = [found[-1] for found in map(versions, paths) if found]
+    seen = [datetime.fromisoformat(one.seen_utc) for one in newest if one.seen_utc]
+    fetched = [datetime.fromisoformat(one.fetched_utc) for one in newest if one.fetched_utc]
+    return Received(max(seen, default=None), max(fetched, default=None))
 
 
 def set_aside(target: Path, reason: str) -> None:

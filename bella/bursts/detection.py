@@ -16,7 +16,10 @@ import xarray as xr
 from bella.bursts.light_curves import decay_s
 from bella.bursts.matched_filter import (
     BEAM_SPEEDS_C,
+    BEFORE_RECORDS,
     FREQUENCY_MHZ,
+    HIGHEST_MHZ,
+    LONGEST_REVISIT_MINUTES,
     STEP_S,
     Match,
     SearchGrid,
@@ -59,11 +62,18 @@ KILOMETRIC_BELOW_MHZ, LEAST_ABOVE, LEAST_LONG = 0.6, 3, 14
 WIDE_BELOW_MHZ, LEAST_WIDE = 2.0, 4
 """Arcs of Jupiter seldom reach below this frequency; so many channels there tell a burst from one."""
 
+FEWEST_MINUTES = BEFORE_RECORDS + 2
+"""Those before a rise that it is held against, and two of the rise."""
+
 CLEAR_MARGIN = 1.2
 """By how much a drift has to fit better than any that is none where the channels alone do not tell."""
 
 FAST_MARGIN = 1.1
 """Where they tell, a fit without drift may be better by this: fast beams take a minute through most channels."""
+
+SLOW_MARGIN = 0.05
+"""Added to it, and to that of an upward drift, for each further minute that shares a sample: a receiver that looks every
+three minutes sees no drift that takes less."""
 
 NARROW, LONGEST, LONGEST_ABOVE = 20, 2.7, 2.0
 """What fewer channels see may last at one frequency so many times as long as a burst, a minute and two decay times; the
@@ -114,6 +124,8 @@ class Searched(NamedTuple):
     match: Match
     found: tuple[Candidate, ...]
     """In order of time."""
+    not_searchable: str = ""
+    """Why no burst can be found in it whatever the Sun did; empty where one can."""
 
     @property
     def observatory(self) -> str:
@@ -140,9 +152,40 @@ def search(spectrum: xr.Dataset) -> Searched:
     """
     over = over_quiet(spectrum)
     grid = search_grid(over)
-    match = drift_match(channel_match(grid.excess_db, grid.noise_db))
-    found = tuple(_lasting_judged(grid, one) for one in candidates(match))
-    return Searched(over, grid, match, found)
+    match = drift_match(channel_match(grid.excess_db, grid.noise_db, grid.revisit), grid.revisit)
+    reason = why_not_searchable(grid)
+    found = () if reason else tuple(_lasting_judged(grid, one) for one in candidates(match))
+    return Searched(over, grid, match, found, reason)
+
+
+def why_not_searchable(grid: SearchGrid) -> str:
+    """Reason why no burst can be found on a grid, whatever it shows; empty where one can.
+
+    Parameters
+    ----------
+    grid : SearchGrid
+
+    Returns
+    -------
+    str
+        In words, without the name of the spacecraft.
+    """
+    if len(grid.excess_db) < FEWEST_MINUTES:
+        return f"it lasts {len(grid.excess_db)} minutes, and a search needs {FEWEST_MINUTES}"
+    measured = np.isfinite(grid.noise_db)
+    slow = np.broadcast_to(grid.revisit, measured.shape)[~measured]
+    above = int(np.count_nonzero(measured & (FREQUENCY_MHZ > SUPPORT_ABOVE_MHZ)))
+    some = int(np.count_nonzero(measured & (FREQUENCY_MHZ > KILOMETRIC_BELOW_MHZ)))
+    if above >= LEAST_SUPPORT or (some >= LEAST_ABOVE and np.count_nonzero(measured) >= LEAST_LONG):
+        return ""
+    if (slow > LONGEST_REVISIT_MINUTES).any():
+        return (
+            f"its records are {60.0 * float(np.median(slow[slow > LONGEST_REVISIT_MINUTES])):.0f} s apart, too coarse"
+        )
+    return (
+        f"it has data in {above} of the {LEAST_SUPPORT} search channels that a burst needs between "
+        f"{SUPPORT_ABOVE_MHZ:g} and {HIGHEST_MHZ:g} MHz"
+    )
 
 
 def detect_bursts(spectrum: xr.Dataset) -> pd.DataFrame:
@@ -157,7 +200,7 @@ def detect_bursts(spectrum: xr.Dataset) -> pd.DataFrame:
     -------
     pandas.DataFrame
         `DETECTION_COLUMNS`, one row per candidate in order of time; tier "catalogued", or "rejected" with its reason.
-        Empty where nothing is found, or fewer channels than a burst needs were measured.
+        Empty where nothing is found, or nothing can be: ``attrs["not_searchable"]`` then has the reason.
 
     Raises
     ------
@@ -165,7 +208,9 @@ def detect_bursts(spectrum: xr.Dataset) -> pd.DataFrame:
         If the quantity of the spectrum is not known.
     """
     searched = search(spectrum)
-    return detection_table([detection_row(searched, one) for one in searched.found])
+    table = detection_table([detection_row(searched, one) for one in searched.found])
+    table.attrs["not_searchable"] = searched.not_searchable
+    return table
 
 
 def candidates(match: Match, threshold: float = THRESHOLD) -> list[Candidate]:
@@ -204,7 +249,7 @@ def candidate_at(match: Match, record: int) -> Candidate:
     """
     drift = int(match.score[: len(BEAM_SPEEDS_C), record].argmax())
     score, hit = float(match.score[drift, record]), _longest_run(match.hit[drift, record], match.measured)
-    reason = _why_none(hit, score, _undrifting(match, record))
+    reason = _why_none(hit, score, _undrifting(match, record), match.revisit)
     return Candidate(record, drift, score, hit, reason)
 
 
@@ -214,7 +259,7 @@ def _undrifting(match: Match, record: int) -> tuple[float, float]:
     return float(around[0].max()), float(around[1:].max())
 
 
-def _why_none(hit: npt.NDArray[np.bool_], score: float, undrifting: tuple[float, float]) -> str:
+def _why_none(hit: npt.NDArray[np.bool_], score: float, undrifting: tuple[float, float], revisit: float) -> str:
     """Reason why a candidate is no burst; empty if it is one."""
     standing, rising = undrifting
     if np.count_nonzero(hit & (FREQUENCY_MHZ > SUPPORT_ABOVE_MHZ)) < LEAST_SUPPORT:
@@ -222,7 +267,8 @@ def _why_none(hit: npt.NDArray[np.bool_], score: float, undrifting: tuple[float,
         is_long = np.count_nonzero(hit) >= LEAST_LONG
         return "" if is_above and is_long and score >= CLEAR_MARGIN * max(undrifting) else NO_SUPPORT
     if np.count_nonzero(hit & (FREQUENCY_MHZ < WIDE_BELOW_MHZ)) >= LEAST_WIDE:
-        drifts = standing <= FAST_MARGIN * score and rising <= score
+        blurred = 1.0 + SLOW_MARGIN * (revisit - 1.0)
+        drifts = standing <= FAST_MARGIN * blurred * score and rising <= blurred * score
     else:
         drifts = CLEAR_MARGIN * max(undrifting) <= score
     return "" if drifts else NO_DRIFT
@@ -235,20 +281,21 @@ def _lasting_judged(grid: SearchGrid, one: Candidate) -> Candidate:
         return one
     is_wide = np.count_nonzero(FREQUENCY_MHZ[band] < WIDE_BELOW_MHZ) >= LEAST_WIDE
     onset = onset_records(one)
-    shares = [_lasting(grid.excess_db[:, channel], int(onset[channel]), int(channel)) for channel in band]
+    shares = [_lasting(grid, int(onset[channel]), int(channel)) for channel in band]
     is_long = np.median(shares) > (LONGEST if is_wide else LONGEST_ABOVE)
     return one._replace(reason=TOO_LONG) if is_long else one
 
 
-def _lasting(excess_db: FloatArray, onset: int, channel: int) -> float:
+def _lasting(grid: SearchGrid, onset: int, channel: int) -> float:
     """How long a channel stays near its peak, in units of the time that a burst takes for that."""
+    excess_db, sample_s = grid.excess_db[:, channel], STEP_S * grid.revisit_of(channel)
     peak = _peak(excess_db, onset, channel)
     height = np.nan_to_num(excess_db[peak])
     low = np.flatnonzero(~(excess_db > height - min(0.5 * height, DEPTH_DB)))
     place = np.searchsorted(low, peak)
     first = low[place - 1] if place > 0 else -1
     last = low[place] if place < low.size else len(excess_db)
-    return float((last - first - 1) * STEP_S / (STEP_S + 2 * float(decay_s(FREQUENCY_MHZ[channel]))))
+    return float((last - first - 1) * STEP_S / (sample_s + 2 * float(decay_s(FREQUENCY_MHZ[channel]))))
 
 
 def detection_table(rows: Sequence[dict[str, object]]) -> pd.DataFrame:

@@ -1,6 +1,7 @@
 """The coarse grid on which bursts are searched, and how much it looks like the leading edge of a drifting burst.
 
-The grid has minutes, and channels evenly spaced in the logarithm of frequency.
+The grid has minutes, and channels evenly spaced in the logarithm of frequency. A receiver that visits a channel less
+often than every minute has each sample in all the minutes that are nearest to it; its noise is that of samples.
 
 In every channel the mean over the rise and early decay of a burst is held against the mean of the minutes before it.
 Channels are then shifted by the delay of a beam through the heliosphere and summed, for several beam speeds, for no
@@ -23,6 +24,9 @@ from bella.units import C_RSUN_S, FloatArray
 STEP_S = 60.0
 LOWEST_MHZ, HIGHEST_MHZ = 0.1, 14.0
 CHANNELS = 56
+LONGEST_REVISIT_MINUTES = 6.0
+"""A channel that is visited less often is not searched: of simulated bursts of 10 dB fewer than half are found then."""
+
 RELATIVE_BACKGROUND = 0.05
 LEAST_NOISE_DB = 0.25
 """Channels whose noise is less count as if it were this: what is left of a background is never flat to less."""
@@ -72,6 +76,12 @@ class SearchGrid(NamedTuple):
     """Mean over background, dB, shape (minutes, CHANNELS); NaN where nothing was measured."""
     noise_db: FloatArray
     """Scatter of quiet minutes, shape (CHANNELS,); NaN for channels without data."""
+    revisit: FloatArray | float = 1.0
+    """Minutes that share one sample, shape (CHANNELS,): 1 where there is one in every minute."""
+
+    def revisit_of(self, channel: int) -> float:
+        """Minutes that share one sample of a channel."""
+        return float(np.broadcast_to(self.revisit, CHANNELS)[channel])
 
 
 def search_grid(over: xr.Dataset) -> SearchGrid:
@@ -91,9 +101,9 @@ def search_grid(over: xr.Dataset) -> SearchGrid:
         minutes = int((over["time"].to_numpy()[-1] - start) / np.timedelta64(60, "s")) + 1
         return SearchGrid(start, np.full((minutes, CHANNELS), np.nan), np.full(CHANNELS, np.nan))
     over = _raised(over) if over.attrs["quantity"] == "relative_flux" else over
-    binned = _despiked(_binned(over, start))
-    smooth = _median_of_three(binned)
-    return SearchGrid(start.astype("datetime64[ns]"), smooth, _noise_db(smooth))
+    held, revisit = _held(_despiked(_binned(over, start)))
+    smooth = _median_of_three(held)
+    return SearchGrid(start.astype("datetime64[ns]"), smooth, _noise_db(smooth), revisit)
 
 
 def _raised(spectrum: xr.Dataset) -> xr.Dataset:
@@ -131,6 +141,29 @@ def _despiked(excess_db: FloatArray) -> FloatArray:
         for record in range(length):
             is_spike |= np.roll(begins, record)
     return np.where(is_spike[:, None], np.nan, excess_db)
+
+
+def _held(excess_db: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Each sample in the minutes nearest to it, and how many share one; channels visited too seldom without data."""
+    filled, revisit = excess_db.copy(), np.ones(CHANNELS)
+    minute = np.arange(len(excess_db))
+    for channel in range(CHANNELS):
+        known = np.flatnonzero(np.isfinite(excess_db[:, channel]))
+        if known.size < 2:
+            continue
+        gap = np.diff(known)
+        revisit[channel] = gap[gap <= 2.0 * np.median(gap)].mean()
+        if np.median(gap) <= 1.0:
+            revisit[channel] = 1.0
+            continue
+        if revisit[channel] > LONGEST_REVISIT_MINUTES:
+            filled[:, channel] = np.nan
+            continue
+        after = np.clip(np.searchsorted(known, minute), 1, known.size - 1)
+        nearest = np.where(minute - known[after - 1] <= known[after] - minute, known[after - 1], known[after])
+        near = np.abs(nearest - minute) <= np.ceil(0.5 * revisit[channel])
+        filled[near, channel] = excess_db[nearest[near], channel]
+    return filled, revisit
 
 
 def _shifted(values: FloatArray, records: int) -> FloatArray:
@@ -193,6 +226,8 @@ class Match(NamedTuple):
     """Which channels see it, bool, shape (drifts, minutes, CHANNELS)."""
     measured: npt.NDArray[np.bool_]
     """Which channels have data at all, bool, shape (CHANNELS,)."""
+    revisit: float = 1.0
+    """Minutes that share one sample, median of the channels: a drift by less is not seen."""
 
 
 @lru_cache(maxsize=1)
@@ -230,7 +265,7 @@ def _pulses() -> tuple[FloatArray, ...]:
     return tuple(weights)
 
 
-def channel_match(excess_db: FloatArray, noise_db: FloatArray) -> FloatArray:
+def channel_match(excess_db: FloatArray, noise_db: FloatArray, revisit: FloatArray | float = 1.0) -> FloatArray:
     """Match of a rise that begins in a minute, in standard deviations of noise.
 
     Parameters
@@ -238,6 +273,8 @@ def channel_match(excess_db: FloatArray, noise_db: FloatArray) -> FloatArray:
     excess_db : numpy.ndarray, shape (N, CHANNELS)
         dB over background; NaN where nothing was measured.
     noise_db : numpy.ndarray, shape (CHANNELS,)
+    revisit : numpy.ndarray, shape (CHANNELS,), or float
+        Minutes that share one sample.
 
     Returns
     -------
@@ -246,6 +283,7 @@ def channel_match(excess_db: FloatArray, noise_db: FloatArray) -> FloatArray:
     """
     match = np.full(excess_db.shape, np.nan)
     before = np.full(BEFORE_RECORDS, 1.0 / BEFORE_RECORDS)
+    shared = np.broadcast_to(revisit, CHANNELS)
     for channel, pulse in enumerate(_pulses()):
         if not np.isfinite(noise_db[channel]):
             continue
@@ -255,7 +293,12 @@ def channel_match(excess_db: FloatArray, noise_db: FloatArray) -> FloatArray:
         inside, in_weight, in_square = _weighted(values, known, pulse, 0)
         earlier, early_weight, early_square = _weighted(values, known, before, -BEFORE_RECORDS - 1)
         enough = (in_weight > 0.5) & (early_weight > 0.5)
-        sd = noise_db[channel] * np.sqrt(in_square + early_square)
+        # minutes that share a sample have its noise in common
+        variance = np.minimum(shared[channel] * in_square, 1.0) if shared[channel] > 1.0 else in_square
+        variance = variance + (
+            np.minimum(shared[channel] * early_square, 1.0) if shared[channel] > 1.0 else early_square
+        )
+        sd = noise_db[channel] * np.sqrt(variance)
         match[enough, channel] = (inside - earlier)[enough] / sd[enough]
     return match
 
@@ -280,13 +323,15 @@ def _forward(series: FloatArray, taps: FloatArray, first: int) -> FloatArray:
     return np.asarray(summed[begin : begin + series.size])
 
 
-def drift_match(match: FloatArray) -> Match:
+def drift_match(match: FloatArray, revisit: FloatArray | float = 1.0) -> Match:
     """Score of every drift at every minute.
 
     Parameters
     ----------
     match : numpy.ndarray, shape (N, CHANNELS)
         As from :func:`channel_match`.
+    revisit : numpy.ndarray, shape (CHANNELS,), or float
+        Minutes that share one sample.
 
     Returns
     -------
@@ -302,4 +347,6 @@ def drift_match(match: FloatArray) -> Match:
     hit = known & (shifted > HIT)
     number = np.maximum(known.sum(axis=2), 1)
     score = clipped.sum(axis=2) / np.sqrt(number) * np.minimum(1.0, hit.sum(axis=2) / ENOUGH_HITS)
-    return Match(score, hit, np.asarray(np.isfinite(match).any(axis=0)))
+    measured = np.asarray(np.isfinite(match).any(axis=0))
+    shared = np.broadcast_to(revisit, CHANNELS)[measured]
+    return Match(score, hit, measured, float(np.median(shared)) if shared.size else 1.0)

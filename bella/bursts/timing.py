@@ -71,6 +71,7 @@ BAND_MARGIN = 1.15
 """Channels so far beyond those that the search saw are looked at too, and all up to `HIGHEST_MHZ`."""
 
 OUTLIER = "outlier"
+NOISE_COLUMNS = ("shape_sd_s", "offset_sd_s", "delay_sd_s", "rise_s")
 DRIFT_STEPS = 8
 """Frequencies at which the arrival times of a spacecraft have to follow one another."""
 
@@ -85,7 +86,7 @@ class TimedBurst:
     ----------
     edges : DataFrame
         One row per channel: observatory, frequency_mhz, arrival_utc (NaT without an edge), sigma_s, edge, flag,
-        shape_sd_s, offset_sd_s, rise_s.
+        shape_sd_s, offset_sd_s, delay_sd_s, rise_s.
     edge : str
         Definition of the edge, which may not be the one that was asked for.
     noise : Timed
@@ -374,7 +375,7 @@ def _with_noise(
     kept = estimate_noise(timed.take(good[~wrong]))
     arrival_s = np.full(flags.size, np.nan)
     arrival_s[good[~wrong]] = kept.arrival_s
-    columns = {name: np.full(flags.size, np.nan) for name in ("sigma_s", "shape_sd_s", "offset_sd_s", "rise_s")}
+    columns = {name: np.full(flags.size, np.nan) for name in ("sigma_s", *NOISE_COLUMNS)}
     for name, values in noise_columns(kept).items():
         columns[name][good[~wrong]] = values
     edges = pd.DataFrame(
@@ -385,7 +386,7 @@ def _with_noise(
             "sigma_s": columns["sigma_s"],
             "edge": edge,
             "flag": flags,
-            **{name: columns[name] for name in ("shape_sd_s", "offset_sd_s", "rise_s")},
+            **{name: columns[name] for name in NOISE_COLUMNS},
         }
     )
     return TimedBurst(edges, edge, kept, reference, collapsed)
@@ -525,7 +526,7 @@ def why_not_timed(timed: TimedBurst, needed: Sequence[str]) -> str:
     str
     """
     bands = timed.bands_mhz
-    if len(bands) < FEWEST_SPACECRAFT:
+    if len(bands) < min(FEWEST_SPACECRAFT, len(needed)):
         without = [name for name in needed if name not in bands]
         return f"not localisable: fewer than {FEWEST_EDGES} good edges at {', '.join(without)}"
     frequency_mhz = shared_frequencies_mhz(timed, DRIFT_STEPS)

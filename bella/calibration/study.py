@@ -13,12 +13,10 @@ from bella.calibration.ranks import fractional_ranks
 from bella.calibration.strata import Stratum
 from bella.calibration.truths import Truths, arrival_grid, draw_truths
 from bella.exceptions import InputError
-from bella.multilateration.exact import exact_posterior
-from bella.multilateration.likelihood import Problems, problems_of
+from bella.multilateration.posterior import AXES, Posterior, Recipe, exact_posterior
 from bella.multilateration.priors import Preset
+from bella.multilateration.problems import Problems, problems_of
 from bella.multilateration.regions import LEVELS, log_density
-from bella.multilateration.solution import Recipe
-from bella.multilateration.summary import AXES, Posterior
 from bella.units import FloatArray
 
 DRAWS = 999

@@ -9,7 +9,7 @@ from sqlalchemy import JSON, Double, Engine, ForeignKey, Row, Table, delete, fun
 from sqlalchemy.orm import Mapped, mapped_column
 
 from bella.catalogue.engine import reading, writing
-from bella.catalogue.models import Base, SolutionRow, StageRunRow, UtcTime, table_of
+from bella.catalogue.models import AlertRow, Base, DetectionRow, SolutionRow, StageRunRow, UtcTime, table_of
 from bella.catalogue.observability import ObservedDay
 from bella.catalogue.upserts import dialect_insert
 from bella.exceptions import NoDataError
@@ -263,11 +263,24 @@ class Operation:
             row = connection.execute(select(table).order_by(table.c.started_utc.desc()).limit(1)).one_or_none()
         return None if row is None else MockRun(**_named(row))
 
-    def prune_mocks(self, before: datetime) -> None:
-        """Forget mock bursts that started earlier."""
-        table = table_of(MockRunRow)
+    def forget_mocks(self, before: datetime) -> tuple[str, ...]:
+        """Remove mock bursts that started earlier, with all that the catalogue has of them; returns their ids.
+
+        Only bursts that the table of mock bursts names are removed; files of the store are left to the next sweep.
+        """
+        mocks = table_of(MockRunRow)
         with writing(self._engine) as connection:
-            connection.execute(delete(table).where(table.c.started_utc < before))
+            old = mocks.c.started_utc < before
+            ids = tuple(connection.execute(select(mocks.c.burst_id).where(old, mocks.c.burst_id != "")).scalars())
+            solutions = select(table_of(SolutionRow).c.solution_id).where(table_of(SolutionRow).c.burst_id.in_(ids))
+            # what was announced stays: readers go on after its number
+            kept = {table_of(DetectionRow), table_of(AlertRow), mocks}
+            for table in reversed(Base.metadata.sorted_tables):  # what refers to others goes before them
+                for name, wanted in (("solution_id", solutions), ("burst_id", ids)):
+                    if name in table.c and table not in kept:
+                        connection.execute(delete(table).where(table.c[name].in_(wanted)))
+            connection.execute(delete(mocks).where(old))
+        return ids
 
     def record_observed(self, observed: ObservedDay, inputs_hash: str) -> None:
         """Replace what is known of the observability of a day."""

@@ -1,39 +1,19 @@
 """The localisation table: one record per frequency, and its CSV form."""
 
-import csv
-import io
 from collections.abc import Iterable, Mapping, Sequence
 
 import numpy as np
 import pandas as pd
 import xarray as xr
 
-COLUMNS = (
-    "frequency_mhz",
-    "x_rsun",
-    "y_rsun",
-    "z_rsun",
-    "cov_xx_rsun2",
-    "cov_xy_rsun2",
-    "cov_yy_rsun2",
-    "cov_xz_rsun2",
-    "cov_yz_rsun2",
-    "cov_zz_rsun2",
-    "area68_rsun2",
-    "area95_rsun2",
-    "modes",
-    "emission_utc",
-    "v_over_c",
-    "v_over_c_sd",
-    "contraction_x",
-    "contraction_y",
-    "contraction_v",
-    "log_evidence",
-    "flags",
-)
+from bella.formats.columns import LOCALISATIONS, SOLUTION_COLUMNS
+from bella.formats.record_table import record_table
+from bella.formats.text import csv_text
+
+COLUMNS = SOLUTION_COLUMNS
 """Columns in order. The covariances with z are there for solutions in space only."""
 
-SPATIAL = frozenset({"cov_xz_rsun2", "cov_yz_rsun2", "cov_zz_rsun2"})
+SPATIAL = ("cov_xz_rsun2", "cov_yz_rsun2", "cov_zz_rsun2")
 
 Record = Mapping[str, object]
 
@@ -82,23 +62,9 @@ def localisation_csv(records: Iterable[Record], comments: Mapping[str, object]) 
     -------
     str
     """
-    rows = [dict(record) for record in records]
-    spatial = any(row.get(name) is not None for row in rows for name in SPATIAL)
-    names = [name for name in COLUMNS if spatial or name not in SPATIAL]
-    text = io.StringIO()
-    text.writelines(f"# {key}: {value}\n" for key, value in comments.items())
-    writer = csv.writer(text, lineterminator="\n")
-    solution = [name for name in ("method", "preset") if name in comments]
-    writer.writerow([*names, *solution])
-    writer.writerows(
-        [*(_written(row.get(name)) for name in names), *(comments[name] for name in solution)] for row in rows
-    )
-    return text.getvalue()
-
-
-def _written(value: object) -> str:
-    if value is None:
-        return ""
-    if hasattr(value, "isoformat"):
-        return pd.Timestamp(value).tz_convert("UTC").strftime("%Y-%m-%dT%H:%M:%S.%f")[:-3] + "Z"  # type: ignore[arg-type]
-    return f"{value:.10g}" if isinstance(value, float) else str(value)
+    solution = {name: comments[name] for name in ("method", "preset") if name in comments}
+    rows = [{**record, **solution} for record in records]
+    flat = () if any(row.get(name) is not None for row in rows for name in SPATIAL) else SPATIAL
+    unsaid = {"burst_id", "solution_id", "edge", "method", "preset"} - solution.keys()
+    schema = LOCALISATIONS.without(*flat, *unsaid)
+    return csv_text(record_table(schema, rows, {key: str(value) for key, value in comments.items()})).decode()

@@ -17,13 +17,10 @@ import numpy as np
 from bella.arrivals import ArrivalGrid
 from bella.exceptions import ConvergenceError
 from bella.heliosphere.scattering import DirectionalDelay
-from bella.multilateration.draws import Draws
-from bella.multilateration.moments import Moments
-from bella.multilateration.predictive import predicted_arrivals
+from bella.multilateration.checks import predicted_arrivals
+from bella.multilateration.posterior import AXES, Draws, Moments, Posterior, Recipe, parameters
 from bella.multilateration.priors import Noise, Priors
 from bella.multilateration.regions import Region, region_of_draws
-from bella.multilateration.solution import Recipe, parameters
-from bella.multilateration.summary import AXES, Posterior
 from bella.units import C_RSUN_S, FloatArray
 
 CHAINS = 4

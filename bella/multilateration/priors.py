@@ -59,6 +59,11 @@ class Priors:
         """Log density of the position at a squared distance from the Sun, less its value at the Sun."""
         return np.asarray(-0.5 * (squared_rsun2 / self.tau_rsun**2) ** (0.5 * self.power))
 
+    def position_slope(self, squared_rsun2: FloatArray) -> FloatArray:
+        """Gradient of :meth:`log_position` over the position, at a squared distance from the Sun."""
+        scaled = squared_rsun2 / self.tau_rsun**2
+        return np.asarray(-0.5 * self.power / self.tau_rsun**2 * scaled ** (0.5 * self.power - 1))
+
     def position_sd_rsun(self, dimensions: int) -> float:
         """Standard deviation of each coordinate of the source, solar radii."""
         # r^power is a gamma variate: <r^2> = tau^2 2^(2/p) Gamma((D + 2)/p) / Gamma(D/p)

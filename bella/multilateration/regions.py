@@ -1,24 +1,24 @@
-"""Highest-density credible regions of a position: area, volume, outline and highest point.
+"""Highest-density credible regions of a position: area, volume, outline, highest point, and separate modes.
 
 A source in the ecliptic plane has regions in the plane. One in space has regions in space, of which the volume is
 given; their area and outline are those of the regions of (x, y), whatever z is.
 """
 
 from dataclasses import dataclass, replace
+from itertools import product
 
 import contourpy
 import numpy as np
 from scipy import stats
 
-from bella.multilateration.cells import Cells, mixed
-from bella.multilateration.likelihood import IntArray, Problems, blocks, density, evaluate
-from bella.multilateration.modes import Image, Modes, find_modes, highest
-from bella.multilateration.moments import normalised, summed
+from bella.multilateration.cells import Cells, mixed, normalised, summed, turned
+from bella.multilateration.likelihood import density, evaluate
+from bella.multilateration.problems import IntArray, Problems, blocks
 from bella.multilateration.speed import log_speed_factor, speed_prior_is_gaussian
 from bella.units import FloatArray
 
 LEVELS = (0.68, 0.95)
-FINER = 4
+FINER = 6
 """Each cell is divided this many times, at most, along x and y before regions are measured."""
 POINTS, PIXELS = 8_000, 40_000
 """Points of a posterior, and of the square image around it, from which on its cells are divided less: a long ridge has
@@ -32,6 +32,59 @@ MODE_BANDWIDTH = 0.5
 """Kernel width, in standard deviations, with which modes are counted among draws."""
 HIGHEST_CONTOUR = 0.99
 """Share of the highest density above which no contour is drawn: at the very top there is none to draw."""
+MODE_NATS = 6.0
+"""Local maxima this far below the best are not counted as modes."""
+MODE_DEPTH_NATS = 0.5
+"""A maximum is a mode of its own when every way from it to a higher one leads this far down."""
+
+
+@dataclass(frozen=True)
+class Image:
+    """Log density on a regular lattice around one posterior; -inf where it is negligible, and along the border.
+
+    Attributes
+    ----------
+    log_density : ndarray, shape (N, ...)
+    corner : ndarray, shape (D,)
+        Place of the first lattice point along the axes of the lattice, solar radii.
+    pitch : ndarray, shape (D,)
+        Distance of lattice points along each axis, solar radii.
+    turn : ndarray, shape (2,)
+        Cosine and sine of the angle from the x axis to the first axis of the lattice.
+    """
+
+    log_density: FloatArray
+    corner: FloatArray
+    pitch: FloatArray
+    turn: FloatArray
+
+    @classmethod
+    def of(cls, index: IntArray, density: FloatArray, origin: float, pitch: FloatArray, turn: FloatArray) -> "Image":
+        """Image of the points with some coordinates (D, M) on a lattice whose first cell begins at an origin."""
+        low = index.min(axis=1) - 1
+        lattice = np.full(index.max(axis=1) - low + 2, -np.inf)
+        lattice[tuple(index - low[:, None])] = density
+        return cls(lattice, origin + (low + 0.5) * pitch, pitch, turn)
+
+    def place(self, index: FloatArray) -> FloatArray:
+        """Position of lattice coordinates, solar radii."""
+        return turned((self.corner + index * self.pitch).T, self.turn).T
+
+
+@dataclass(frozen=True)
+class Modes:
+    """Modes in the order of their weight.
+
+    Attributes
+    ----------
+    mean_rsun : ndarray, shape (J, D)
+        Mean position of each, solar radii.
+    weight : ndarray, shape (J,)
+        Share of the probability in the basin of each; they add up to one.
+    """
+
+    mean_rsun: FloatArray
+    weight: FloatArray
 
 
 @dataclass(frozen=True)
@@ -83,10 +136,15 @@ def log_density(problems: Problems, points: FloatArray) -> FloatArray:
     -------
     ndarray, shape S
     """
+    return mixed(component_density(problems, points))
+
+
+def component_density(problems: Problems, points: FloatArray) -> FloatArray:
+    """Log density as from :func:`log_density`, of each component of the noise: shape (K, *S)."""
     if speed_prior_is_gaussian(problems.priors):
-        return mixed(density(problems, points)[0])
+        return density(problems, points)
     local = evaluate(problems, points)
-    return mixed(local.log_density + log_speed_factor(local, problems.priors))
+    return local.log_density + log_speed_factor(local, problems.priors)
 
 
 def regions_of(problems: Problems, cells: Cells) -> list[Region]:
@@ -110,15 +168,16 @@ def regions_of(problems: Problems, cells: Cells) -> list[Region]:
     index, owner = cells.index[:, relevant], cells.owner[relevant]
     finer = _finer(index, np.searchsorted(owner, np.arange(problems.count)))
     parts = [_divided(index[:, owner == b], finer[b]) for b in range(problems.count)]
-    pitch = np.tile(cells.side[:, None], (1, problems.dimensions))
-    pitch[:, :2] /= finer[:, None]
+    pitch = cells.side.copy()
+    pitch[:2] /= finer
     cuts = np.cumsum([0] + [part.shape[1] for part in parts])
     owner, index = np.repeat(np.arange(problems.count), np.diff(cuts)), np.concatenate(parts, axis=1)
-    points = cells.origin + (index + 0.5) * pitch[owner].T
+    finer_lattice = replace(cells, side=pitch)
+    points = finer_lattice.place(index + 0.5, owner)
     fine = np.concatenate([log_density(problems.at(one), points[:, part]) for part, one in blocks(owner)])
     some = [slice(cuts[b], cuts[b + 1]) for b in range(problems.count)]
     return [
-        _region(Image.of(index[:, part], fine[part], cells.origin, pitch[b]), fine[part], held[b])
+        _region(Image.of(index[:, part], fine[part], cells.origin, pitch[:, b], cells.turn[:, b]), fine[part], held[b])
         for b, part in enumerate(some)
     ]
 
@@ -168,7 +227,7 @@ def _kernel_image(positions: FloatArray, bandwidth: float) -> Image:
     corner = low - 2 * pitch
     points = corner[:, None] + np.indices(shape).reshape(dimensions, -1) * pitch[:, None]
     kernel = stats.gaussian_kde(shrunk.T, bw_method=bandwidth)
-    return Image(kernel.logpdf(points).reshape(shape), corner, pitch)
+    return Image(kernel.logpdf(points).reshape(shape), corner, pitch, np.array([1.0, 0.0]))
 
 
 def _region(image: Image, density: FloatArray, held: float = 1.0) -> Region:
@@ -194,7 +253,7 @@ def _seen_from_north(image: Image) -> Image:
     with np.errstate(divide="ignore"):
         top = image.log_density.max()
         flat = top + np.log(np.exp(image.log_density - top).sum(axis=2))
-    return Image(flat, image.corner[:2], image.pitch[:2])
+    return Image(flat, image.corner[:2], image.pitch[:2], image.turn)
 
 
 def _ladder(density: FloatArray, held: float) -> _Ladder:
@@ -226,3 +285,95 @@ def _joined(lines: list[FloatArray]) -> FloatArray:
     """One array of several lines, parted by NaN."""
     parted = [row for line in lines for row in (np.asarray(line), np.full((1, 2), np.nan))]
     return np.concatenate(parted[:-1]) if parted else np.empty((0, 2))
+
+
+def highest(image: Image) -> FloatArray:
+    """Highest lattice point, moved to the top of the parabola through its neighbours along each axis, shape (D,)."""
+    dimensions = image.log_density.ndim
+    top = np.unravel_index(int(image.log_density.argmax()), image.log_density.shape)
+    shift = np.zeros(dimensions)
+    for axis in range(dimensions):
+        step = np.eye(dimensions, dtype=int)[axis]
+        below, above = (float(image.log_density[tuple(top + sign * step)]) for sign in (-1, 1))
+        curvature = below + above - 2 * float(image.log_density[top])
+        if np.isfinite(curvature) and curvature < 0:
+            shift[axis] = np.clip(0.5 * (below - above) / curvature, -0.5, 0.5)
+    return image.place(np.array(top) + shift)
+
+
+def find_modes(image: Image) -> Modes:
+    """Modes of a posterior and their weights.
+
+    Every point belongs to the maximum that steepest ascent leads to. A narrow ridge across the lattice has many maxima
+    that only the lattice makes: a maximum counts when every way to a higher one leads down by `MODE_DEPTH_NATS`. One
+    that does not count joins the basin across its highest saddle.
+
+    Parameters
+    ----------
+    image : Image
+
+    Returns
+    -------
+    Modes
+    """
+    shape = image.log_density.shape
+    inner = np.pad(image.log_density, 1, constant_values=-np.inf)
+    flat = np.flatnonzero(np.isfinite(inner))
+    value = inner.ravel()[flat]
+    place = np.full(inner.size, value.size)
+    place[flat] = np.arange(value.size)
+    strides = np.cumprod((1, *inner.shape[:0:-1]))[::-1]
+    steps = np.array([step for step in product((-1, 0, 1), repeat=len(shape)) if any(step)]) @ strides
+    neighbours = place[flat + steps[:, None]]
+    basin = _basins(value, neighbours)
+    joined = _merged(value, neighbours, basin)
+    return _of_basins(image, np.stack(np.unravel_index(flat, inner.shape)) - 1, value, joined[basin])
+
+
+def _basins(value: FloatArray, neighbours: IntArray) -> IntArray:
+    """Maximum, as a point, that steepest ascent from each point ends in."""
+    around = np.append(value, -np.inf)[neighbours]
+    best = around.argmax(axis=0)
+    point = np.arange(value.size)
+    upward = np.where(around[best, point] > value, neighbours[best, point], point)
+    while not np.array_equal(upward[upward], upward):
+        upward = upward[upward]
+    return upward
+
+
+def _merged(value: FloatArray, neighbours: IntArray, basin: IntArray) -> IntArray:
+    """Point that stands for the mode of each maximum, shape (M,); saddles are taken from the highest down."""
+    stands = np.arange(value.size)
+    maxima = np.flatnonzero(basin == stands)
+    if maxima.size == 1:
+        return stands
+    across = np.append(basin, -1)[neighbours]
+    step, point = np.nonzero((across >= 0) & (across < basin))
+    saddle = np.minimum(value[point], value[neighbours[step, point]])
+    order = np.argsort(-saddle, kind="stable")
+    one, other = basin[point[order]], across[step[order], point[order]]
+    _, once = np.unique(one * value.size + other, return_index=True)
+    for which in np.sort(once):
+        low, high = sorted((_root(stands, int(one[which])), _root(stands, int(other[which]))), key=value.__getitem__)
+        shallow = value[low] - saddle[order[which]] < MODE_DEPTH_NATS
+        if shallow or value[low] < value.max() - MODE_NATS:
+            stands[low] = high
+    stands[maxima] = [_root(stands, int(maximum)) for maximum in maxima]
+    return stands
+
+
+def _root(stands: IntArray, maximum: int) -> int:
+    while stands[maximum] != maximum:
+        maximum = int(stands[maximum])
+    return maximum
+
+
+def _of_basins(image: Image, index: IntArray, value: FloatArray, mode: IntArray) -> Modes:
+    """Mean and weight of each mode."""
+    mass = np.exp(value - value.max())
+    found, number = np.unique(mode, return_inverse=True)
+    weight = np.bincount(number, mass)
+    mean = np.stack([np.bincount(number, mass * axis) for axis in index], axis=1) / weight[:, None]
+    order = np.argsort(-weight, kind="stable")
+    kept = order[value[found[order]] >= value.max() - MODE_NATS]
+    return Modes(image.place(mean)[kept], weight[kept] / weight[kept].sum())

@@ -216,6 +216,8 @@ def draw_slowness(local: Local, priors: Priors, rng: np.random.Generator) -> tup
         over the density it was drawn from.
     """
     mean, sd = local.slowness[0], local.slowness_sd[0]
+    if speed_prior_is_gaussian(priors):
+        return mean + sd * rng.standard_normal(mean.shape), np.zeros(())
     top, width = _speed_expansion(mean, sd, priors)
     z, log_share = _deviates((priors.v_max_c - top) / width, rng) if priors.is_truncated else _whole(mean.shape, rng)
     v = top + width * z

@@ -6,9 +6,20 @@ e_i = (s - p_i)/d_i, the misfit is sum w r~^2 and its Jacobian -(e_i - e-bar)/c 
 doi:10.3847/1538-4357/ac90c2; the elimination is that of Torrieri 1984, IEEE Trans. AES-20:183). For errors that are
 correlated between receivers, with the inverse P of their covariance, the weights of the means are P 1 / W and the
 misfit is r~^T P r~ = r^T Q r, Q = P - P 1 1^T P / W, W = 1^T P 1.
+
+With the emission time eliminated the information on the position is (J~^T W J~), J~_i = -(e_i - e-bar)/c. The sum over
+receivers of the centred products equals a sum over pairs,
+
+    J~^T W J~ = sum_{i<j} w_i w_j / W (e_i - e_j)(e_i - e_j)^T / c^2,      W = sum w,
+
+with -Q_ij in place of w_i w_j / W where errors are correlated. It takes no difference of nearly equal numbers when one
+receiver is far more precise than the rest. The emission time t0 = y-bar - d-bar/c then has the variance 1/W + e-bar^T C
+e-bar / c^2 (Torrieri 1984, IEEE Trans. AES-20:183; the same as the t0 element of the inverse of the full normal
+matrix).
 """
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -29,6 +40,8 @@ CONVERGED_RSUN = 1e-7
 """A step shorter than this ends the descent."""
 NEAREST_RSUN = 1e-9
 """Distances are kept above this, so that a source at a receiver has a direction."""
+SINGULAR = 1e-12
+"""Ratio of the eigenvalues of the normal matrix below which floating-point numbers do not tell it from singular."""
 LATTICE_TOGETHER = 4_000_000
 """Most distances to the lattice held at once, so that memory stays bounded."""
 
@@ -218,34 +231,8 @@ def _centred(timing: Timing, values: FloatArray) -> FloatArray:
     return np.asarray(values - (timing.share * values).sum(axis=1, keepdims=True))
 
 
-def least_squares(receivers: FloatArray, arrival_s: FloatArray, sigma_s: FloatArray, start: FloatArray) -> FloatArray:
-    """Position of least misfit near a start, by damped Gauss-Newton steps (Levenberg 1944; Marquardt 1963).
-
-    Parameters
-    ----------
-    receivers : ndarray, shape (B, n, 3)
-        Solar radii.
-    arrival_s, sigma_s : ndarray, shape (B, n)
-        Seconds; NaN arrival times mark receivers that are missing.
-    start : ndarray, shape (B, D)
-        Solar radii; D = 2 keeps the source in the plane z = 0.
-
-    Returns
-    -------
-    ndarray, shape (B, D)
-        Within `SEARCH_RSUN` of the Sun.
-
-    Raises
-    ------
-    InputError
-        As :func:`timing_of`.
-    """
-    start = np.asarray(start, dtype=np.float64)
-    return descend(timing_of(receivers, arrival_s, sigma_s, start.shape[1]), start)
-
-
 def descend(timing: Timing, start: FloatArray) -> FloatArray:
-    """Follow :func:`least_squares` for a batch that is already checked.
+    """Position of least misfit near a start, by damped Gauss-Newton steps (Levenberg 1944; Marquardt 1963).
 
     Parameters
     ----------
@@ -256,6 +243,7 @@ def descend(timing: Timing, start: FloatArray) -> FloatArray:
     Returns
     -------
     ndarray, shape (B, D)
+        Within `SEARCH_RSUN` of the Sun.
     """
     points = _within_search(start)
     value = _mean_square(timing, points)
@@ -332,3 +320,111 @@ def _best_node(timing: Timing, nodes: FloatArray) -> IntArray:
     mean = (share[:, None, :] @ residual)[:, 0]
     residual *= residual
     return np.asarray(((share[:, None, :] @ residual)[:, 0] - mean**2).argmin(axis=1))
+
+
+class Emission(NamedTuple):
+    """When the signal left its source.
+
+    Attributes
+    ----------
+    time_s, sd_s : ndarray, shape (B,)
+        On the clock of the arrival times, and its standard deviation, s.
+    """
+
+    time_s: FloatArray
+    sd_s: FloatArray
+
+
+def information(timing: Timing, points: FloatArray) -> FloatArray:
+    """Inverse of the covariance, J~^T W J~ of the module's equation.
+
+    Parameters
+    ----------
+    timing : Timing
+    points : ndarray, shape (B, D)
+        Solar radii.
+
+    Returns
+    -------
+    ndarray, shape (B, D, D)
+        Per square solar radius.
+    """
+    _, unit = directions(timing, points)
+    first, second = np.triu_indices(unit.shape[1], k=1)
+    weight = -timing.precision[:, first, second] * timing.total_weight[:, None] / C_RSUN_S**2
+    pairs = unit[:, first] - unit[:, second]
+    return np.asarray((weight[..., None] * pairs).swapaxes(1, 2) @ pairs)
+
+
+def is_singular(normal: FloatArray) -> BoolArray:
+    """Which matrices cannot be inverted in floating-point numbers.
+
+    Parameters
+    ----------
+    normal : ndarray, shape (B, D, D)
+        Symmetric.
+
+    Returns
+    -------
+    ndarray of bool, shape (B,)
+    """
+    values = np.linalg.eigvalsh(normal)
+    return np.asarray(~(values[:, 0] > SINGULAR * values[:, -1]))
+
+
+def inverse(normal: FloatArray) -> FloatArray:
+    """Inverse of symmetric matrices, exactly symmetric.
+
+    Parameters
+    ----------
+    normal : ndarray, shape (B, D, D)
+
+    Returns
+    -------
+    ndarray, shape (B, D, D)
+    """
+    inverted = np.linalg.inv(normal)
+    return np.asarray(0.5 * (inverted + inverted.swapaxes(1, 2)))
+
+
+def limited_inverse(normal: FloatArray, limit_rsun: float) -> FloatArray:
+    """Inverse of the information with that of a Gaussian prior of the position added, so that it always exists.
+
+    Parameters
+    ----------
+    normal : ndarray, shape (B, D, D)
+        Symmetric; eigenvalues that rounding does not tell from 0 count as 0.
+    limit_rsun : float
+        Standard deviation of the prior, solar radii: none of the result is larger.
+
+    Returns
+    -------
+    ndarray, shape (B, D, D)
+        Square solar radii.
+    """
+    values, axes = np.linalg.eigh(normal)
+    told = np.where(values > SINGULAR * values[:, -1:], values, 0.0)
+    variance = 1 / (told + limit_rsun**-2.0)
+    return np.asarray((axes * variance[:, None, :]) @ axes.swapaxes(1, 2))
+
+
+def emission(timing: Timing, points: FloatArray, position_covariance: FloatArray) -> Emission:
+    """Emission time, and its error when the position is as uncertain as stated.
+
+    Parameters
+    ----------
+    timing : Timing
+    points : ndarray, shape (B, D)
+        Solar radii.
+    position_covariance : ndarray, shape (B, D, D)
+        Square solar radii.
+
+    Returns
+    -------
+    Emission
+    """
+    distance, unit = directions(timing, points)
+    since_first = (timing.share * (timing.delay_s - distance / C_RSUN_S)).sum(axis=1)
+    direction = np.einsum("bn,bnd->bd", timing.share, unit) / C_RSUN_S
+    of_position = np.einsum("bd,bde,be->b", direction, position_covariance, direction)
+    return Emission(timing.first_s + since_first, np.sqrt(1 / timing.total_weight + of_position))

@@ -7,7 +7,8 @@ work and is raised, so that it is tried again.
 import hashlib
 from collections.abc import Callable, Sequence
 from contextlib import closing
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
+from datetime import UTC, datetime
 from typing import Any, TypeVar
 
 import numpy as np
@@ -18,7 +19,7 @@ import xarray as xr
 import bella
 from bella.answer import read_track, wind_gap
 from bella.arrivals import MIN_OBSERVATORIES, ArrivalGrid, arrival_grid, locate_receivers
-from bella.catalogue import Catalogue, Lease, Series, Solution, edge_rank
+from bella.catalogue import Catalogue, Lease, Series, Solution, SolutionTimes, edge_rank
 from bella.exceptions import ConvergenceError, InputError, NoDataError, NotPlacedError
 from bella.flags import APPARENT_SOURCE
 from bella.multilateration import localise
@@ -176,6 +177,7 @@ class _Work:
     settings: Settings
     lease: Lease
     around: Surroundings
+    begun_utc: datetime = field(default_factory=lambda: datetime.now(UTC))
 
     def series(self, edge: str) -> Series:
         return Series(edge, self.choice.method, self.choice.preset, self.choice.dimensions)
@@ -243,6 +245,16 @@ class _Work:
 
     def _published(self, draft: Draft) -> Outcome:
         solution = publish(draft, self.catalogue, self.settings, self.lease)
+        came = self.given.received
+        times = SolutionTimes(
+            self.given.burst.end_utc,
+            came.seen_utc,
+            came.fetched_utc,
+            self.begun_utc,
+            datetime.now(UTC),
+            self.given.origin,
+        )
+        self.catalogue.operation.record_times(solution.solution_id, times)
         log.info("published", solution_id=solution.solution_id, edge=draft.series.edge, preset=draft.series.preset)
         return Outcome(solution, new=True, track=draft.track)
 

@@ -16,7 +16,7 @@ from types import FrameType
 import numpy as np
 import structlog
 
-from bella.archive import COMPANIONS, DATASETS, Archive, Dataset, DayInMirror, open_archive, versions
+from bella.archive import COMPANIONS, DATASETS, Archive, Dataset, DayInMirror, open_archive
 from bella.catalogue import Catalogue, Freshness
 from bella.exceptions import BellaError, NoDataError, UnreachableError
 from bella.pipeline.mirror import remember_answers
@@ -254,25 +254,6 @@ def _ephemeris(settings: Settings, before: Freshness | None, now: datetime) -> F
     newest = min(ends) if len(ends) == len(HORIZONS_IDS) else newest
     one = replace(one, newest_day=newest, state="ok" if newest and newest >= now.date() else "no file yet")
     return _silent(one, before, silence) if silence else one
-
-
-def source_times(paths: tuple[Path, ...]) -> tuple[datetime | None, datetime | None]:
-    """When the last of several files was first listed by its archive, and when it was in the mirror.
-
-    Parameters
-    ----------
-    paths : tuple of pathlib.Path
-        Files of the mirror.
-
-    Returns
-    -------
-    seen, fetched : datetime.datetime or None
-        None where the record of no file says so.
-    """
-    newest = [found[-1] for found in map(versions, paths) if found]
-    seen = [datetime.fromisoformat(one.seen_utc) for one in newest if one.seen_utc]
-    fetched = [datetime.fromisoformat(one.fetched_utc) for one in newest if one.fetched_utc]
-    return max(seen, default=None), max(fetched, default=None)
 
 
 class Stopped(BaseException):

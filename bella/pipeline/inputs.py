@@ -12,6 +12,7 @@ import numpy as np
 import pandas as pd
 import xarray as xr
 
+from bella.archive import Received
 from bella.arrivals import read_arrivals
 from bella.bursts.association import onset
 from bella.bursts.event import (
@@ -56,6 +57,8 @@ class BurstInput:
         Wave directions, where the spectra carry them.
     origin : Origin
         Where its data come from.
+    received : Received
+        When the files of its day came.
     """
 
     burst: Burst
@@ -67,6 +70,7 @@ class BurstInput:
     channel_arrivals: Mapping[str, pd.DataFrame] = field(default_factory=dict)
     directions: pd.DataFrame | None = None
     origin: Origin = Origin.ARCHIVE
+    received: Received = field(default_factory=Received)
 
 
 def origin_of(spectra: Iterable[xr.Dataset]) -> Origin:

@@ -19,14 +19,25 @@ import bella
 from bella.catalogue import Catalogue, SearchedDay
 from bella.exceptions import BellaError, BusyError, NoDataError
 from bella.pipeline.burst import BurstOutcome, Choice, process_burst
-from bella.pipeline.day import DAY, FoundBurst, FoundDay, KnownBurst, detection_records, known_bursts, search_day
+from bella.pipeline.day import (
+    DAY,
+    NO_PRELIMINARY,
+    NOT_LOCALISABLE,
+    FoundBurst,
+    FoundDay,
+    KnownBurst,
+    detection_records,
+    known_bursts,
+    search_day,
+)
 from bella.pipeline.draw import draw_day, redraw_day
 from bella.pipeline.inputs import load_burst
 from bella.pipeline.mirror import DayFiles, Mirror, fetch_range
+from bella.pipeline.observability import observed_day
 from bella.pipeline.outcome import FAILED, NOTHING_NEW, SEARCHED, DayOutcome
 from bella.pipeline.progress import counter
 from bella.pipeline.workers import Workers
-from bella.records import DayAnswer, Origin
+from bella.records import REAL_ORIGINS, DayAnswer, Origin
 from bella.settings import Settings
 from bella.store import sweep
 
@@ -203,7 +214,7 @@ def finished_before(files: DayFiles, catalogue: Catalogue, settings: Settings) -
     """
     if not files.paths:
         answer = DayAnswer.ARCHIVE_SILENT if files.silent else DayAnswer.NO_DATA
-        reason = f"not known: {', '.join(files.silent)}" if files.silent else ""
+        reason = f"the archive did not answer for {', '.join(files.silent)}" if files.silent else ""
         record = SearchedDay(files.day, files.inputs_hash, bella.__version__, (), answer, reason)
         catalogue.record_unsearched(record)
         kept = catalogue.searched_day(files.day) or record
@@ -259,6 +270,8 @@ def process_day(files: DayFiles, known: Sequence[KnownBurst], run: Run) -> DayOu
         verdicts = {one.name: (one.burst_id, _reason(one, bursts.get(one.burst_id))) for one in found.bursts}
         records = detection_records(found.table, verdicts)
         run.workers.call(draw_day, day, found.spectra, records, settings)
+        if found.origin in REAL_ORIGINS:
+            catalogue.operation.record_observed(run.workers.call(observed_day, day, found.spectra), files.inputs_hash)
         catalogue.record_day(_record_of(files, outcome, found.origin), records, lease)
         return outcome
 
@@ -283,7 +296,7 @@ def _reason(burst: FoundBurst, done: BurstOutcome | None) -> str:
         return ""
     if done.outcomes:
         return f"{burst.reason}; a preliminary track is published"
-    return f"{burst.reason}; no preliminary track: {done.reason}" if burst.reason else f"not localisable: {done.reason}"
+    return f"{burst.reason}; {NO_PRELIMINARY}{done.reason}" if burst.reason else f"{NOT_LOCALISABLE}{done.reason}"
 
 
 def _outcome_of(found: FoundDay, bursts: dict[str, BurstOutcome]) -> DayOutcome:

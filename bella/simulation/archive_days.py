@@ -22,6 +22,7 @@ from bella.simulation.archive_files import (
     write_stereo_l3,
     write_stereo_level2,
     write_wind_h1,
+    write_wind_k0,
     write_wind_l2,
 )
 from bella.simulation.day import observe_day
@@ -209,6 +210,11 @@ def _wind_l2(path: Path, spectra: Sequence[xr.Dataset]) -> Path:
     return write_wind_l2(path, spectrum["time"].to_numpy(), _hertz(spectrum), spectrum["intensity"].to_numpy())
 
 
+def _wind_k0(path: Path, spectra: Sequence[xr.Dataset]) -> Path:
+    (spectrum,) = spectra
+    return write_wind_k0(path, spectrum["time"].to_numpy(), spectrum["intensity"].to_numpy())
+
+
 def _hertz(spectrum: xr.Dataset) -> np.ndarray:
     return np.asarray(spectrum["frequency"].to_numpy() * 1e6)
 
@@ -267,6 +273,7 @@ Writer = Callable[[Path, Sequence[xr.Dataset]], Path]
 WRITERS: dict[str, tuple[str, Writer]] = {
     "WI_H1_WAV": ("voltage_ratio", _wind_h1),
     **{f"WI_L2_WAV_{receiver}": ("psd_v2_hz", _wind_l2) for receiver in ("RAD1", "RAD2")},
+    "WI_K0_WAV": ("db_over_background", _wind_k0),
     "STEREO_LEVEL2_SWAVES": ("db_over_background", _level2),
     **{f"ST{side}_L3_WAV_{band}": ("flux_w_m2_hz", _stereo_l3) for side in "AB" for band in ("LFR", "HFR")},
     **{f"PSP_FLD_L2_RFS_{band}": ("psd_v2_hz", _psp_l2) for band in ("LFR", "HFR")},

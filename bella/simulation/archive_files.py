@@ -2,6 +2,7 @@
 
 They are written without any code of the readers, and know the leap seconds by themselves: reading a written file back
 holds one against the other. Layouts are those of the archives' descriptions and of the archive files of 2010-01-17.
+Every file says in the global attribute ``Bella_origin`` that it is simulated; nothing but CDFs is written.
 """
 
 from collections.abc import Mapping, Sequence
@@ -12,7 +13,6 @@ import numpy as np
 import numpy.typing as npt
 from cdflib.cdfwrite import CDF
 
-from bella.records import Origin
 from bella.units import FloatArray
 
 REAL4, REAL8, INT2, UINT1, EPOCH, TT2000 = 21, 22, 2, 11, 31, 33
@@ -33,6 +33,7 @@ H1_KHZ: dict[str, npt.NDArray[Any]] = {
     "RAD2": np.arange(1075, 13826, 50, dtype=np.int16),
     "TNR": np.geomspace(4, 245, 96).astype(np.float32),
 }
+K0_HZ: FloatArray = np.geomspace(4e3, 13.8e6, 76)
 L2_COLUMNS = 256
 LEVEL2_KHZ = np.concatenate([np.geomspace(2.61, 153.4, 48), np.arange(125, 16026, 50)]).astype(np.float32)
 LEVEL2_BACKGROUND_DB = np.linspace(6, 74, LEVEL2_KHZ.size).astype(np.float32)
@@ -117,7 +118,7 @@ def filled(values: npt.NDArray[Any]) -> npt.NDArray[np.float32]:
 
 
 def write_cdf(path: Path, identity: str, variables: Sequence[Variable], compress: int = 6) -> Path:
-    """A CDF with a logical identity, and the mark that it was simulated.
+    """A CDF with a logical identity.
 
     Parameters
     ----------
@@ -137,7 +138,7 @@ def write_cdf(path: Path, identity: str, variables: Sequence[Variable], compress
     path.unlink(missing_ok=True)
     cdf = CDF(str(path), cdf_spec={"Compressed": 0})
     cdf.write_globalattrs(
-        {"Logical_file_id": {0: identity}, "Logical_source": {0: identity}, "Data_origin": {0: Origin.SIMULATED.value}}
+        {"Logical_file_id": {0: identity}, "Logical_source": {0: identity}, "Bella_origin": {0: "simulated"}}
     )
     for name, kind, values, varies, attributes in variables:
         stored = np.asarray(values)
@@ -218,6 +219,29 @@ def write_wind_l2(path: Path, utc: Instants, frequency_hz: FloatArray, density: 
         ("Epoch", TT2000, tt2000(utc), True, {}),
         ("FREQUENCY", REAL4, channels, False, {"UNITS": "Hz"}),
         *((f"PSD_V2_{name}", REAL4, filled(columns), True, {"UNITS": "V^2/Hz"}) for name in ("S", "SP", "Z")),
+    ]
+    return write_cdf(path, path.stem, variables)
+
+
+def write_wind_k0(path: Path, utc: Instants, decibel: npt.NDArray[Any]) -> Path:
+    """Wind key parameters, which have their epochs as CDF_EPOCH and one row of channels every three minutes.
+
+    Parameters
+    ----------
+    path : pathlib.Path
+    utc : numpy.ndarray of datetime64
+        Middles of the records, shape (N,).
+    decibel : numpy.ndarray
+        dB over background, shape (N, 76), channels as in `K0_HZ`.
+
+    Returns
+    -------
+    pathlib.Path
+    """
+    variables: list[Variable] = [
+        ("Epoch", EPOCH, cdf_epoch(utc), True, {}),
+        ("E_freq_val", REAL4, K0_HZ.astype(np.float32), False, {"UNITS": "Hz"}),
+        ("E_Average", REAL4, filled(decibel), True, {"DEPEND_1": "E_freq_val", "UNITS": "dB"}),
     ]
     return write_cdf(path, path.stem, variables)
 

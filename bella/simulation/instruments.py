@@ -7,11 +7,11 @@ import numpy as np
 import numpy.typing as npt
 
 from bella.exceptions import InputError
-from bella.simulation.archive_files import H1_KHZ, LEVEL2_KHZ
+from bella.simulation.archive_files import H1_KHZ, K0_HZ, LEVEL2_KHZ
 from bella.simulation.receiver import Receiver
 from bella.spacecraft import position_hee
-from bella.spectra.list_mode import DWELL_S, LIST_KHZ, LIST_S
 from bella.spectra.stereo import SWEEP_S
+from bella.spectra.wind_minutes import DWELL_S, LIST_KHZ, LIST_S
 from bella.units import AU_RSUN, FloatArray
 
 ENCOUNTER_RSUN = 0.25 * AU_RSUN
@@ -22,6 +22,9 @@ and the high band are sampled in turn, each for half of the time."""
 
 LIST_MODE_KHZ: FloatArray = np.unique(LIST_KHZ).astype(np.float64)
 """Channels that Wind RAD1 measures in its list mode; the others are interpolated between them."""
+
+K0_CADENCE_S = 180.0
+"""Of Wind's key parameters (SPASE record: PT3M)."""
 
 L2_LEAD_S = 71.0
 """How long before midnight a Wind level-2 file begins, as that of 2020-07-12 does."""
@@ -91,6 +94,8 @@ def instruments(dataset: str, day: date) -> tuple[Instrument, ...]:
         raise InputError(f"files of data set {dataset!r} cannot be simulated; choose from {', '.join(WRITABLE)}")
     if dataset == "WI_H1_WAV":
         return _h1()
+    if dataset == "WI_K0_WAV":
+        return (_k0(),)
     if dataset == "STEREO_LEVEL2_SWAVES":
         return tuple(_level2(name) for name in ("STEREO-A", "STEREO-B"))
     if dataset.startswith("WI_L2"):
@@ -148,6 +153,11 @@ def _wind_l2(dataset: str) -> Instrument:
     channels: FloatArray = LIST_MODE_KHZ * 1e-3 if name == "RAD1" else np.arange(1.075, 13.8251, 0.4)
     receiver = _at_once("WIND", name, channels, 17.0 if name == "RAD1" else 16.0, 1.0)
     return _whole(dataset, receiver, "psd_v2_hz", _quiet_v2_hz(channels), L2_LEAD_S)
+
+
+def _k0() -> Instrument:
+    records = _at_once("WIND", "TNR+RAD1+RAD2", K0_HZ * 1e-6, K0_CADENCE_S, K0_CADENCE_S)
+    return _whole("WI_K0_WAV", records, "db_over_background", np.ones(K0_HZ.size))
 
 
 def _level2(observatory: str) -> Instrument:
@@ -212,5 +222,6 @@ WRITABLE = (
     "PSP_FLD_L2_RFS_HFR",
     "SOLO_L3_RPW-HFR-SURV-FLUX",
     "SOLO_L3_RPW-TNR-SURV-FLUX",
+    "WI_K0_WAV",
 )
 """Keys of the data sets whose files can be written."""

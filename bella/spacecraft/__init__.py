@@ -1,6 +1,5 @@
 """Where the receivers were: a compact ephemeris table, its interpolation and extension, frames, light time."""
 
-from bella.spacecraft.agreement import Placed, largest_difference_km, prefer_given, require_agreement
 from bella.spacecraft.ephemeris import (
     BODIES,
     FRAME,
@@ -13,25 +12,24 @@ from bella.spacecraft.ephemeris import (
     position_hee,
 )
 from bella.spacecraft.frames import FRAMES, cartesian, polar
+from bella.spacecraft.names import ALIASES, observatory_name
 from bella.spacecraft.turning import hee_from, hee_to
 
 __all__ = [
+    "ALIASES",
     "BODIES",
     "FRAME",
     "FRAMES",
     "OBSERVATORIES",
-    "Placed",
     "cartesian",
     "coverage",
     "extend_with",
     "fleet",
     "hee_from",
     "hee_to",
-    "largest_difference_km",
     "light_time_s",
+    "observatory_name",
     "polar",
     "position",
     "position_hee",
-    "prefer_given",
-    "require_agreement",
 ]

@@ -1,9 +1,8 @@
-"""Dynamic spectra: their form, reading them from archive files, their background, and those of the built-in event."""
+"""Dynamic spectra: their form, reading them from files, their background, quirks of instruments, the built-in event."""
 
 from bella.spectra.background import Background, decibels, over_background, quiet_level
-from bella.spectra.by_observatory import by_observatory
-from bella.spectra.combination import combine_receivers, join_days
-from bella.spectra.digitised import event_spectra
+from bella.spectra.cf_files import event_spectra, from_radiospectra, to_radiospectra
+from bella.spectra.combination import by_observatory, combine_receivers, join_days
 from bella.spectra.dynamic_spectrum import (
     QUANTITIES,
     integration_times_s,
@@ -13,21 +12,26 @@ from bella.spectra.dynamic_spectrum import (
     sample_times,
     validate_spectrum,
 )
-from bella.spectra.given_positions import given_position_hee
-from bella.spectra.products import PRODUCTS, Product, find_product
-from bella.spectra.reading import open_spectra
+from bella.spectra.positions import ReceiverPosition, receiver_position
+from bella.spectra.products import PRODUCTS, Product, find_product, open_spectra
+from bella.spectra.quirks import Quirk, quirks
+from bella.spectra.user import UserDay, UserFolder, user_days
 
 __all__ = [
     "PRODUCTS",
     "QUANTITIES",
     "Background",
     "Product",
+    "Quirk",
+    "ReceiverPosition",
+    "UserDay",
+    "UserFolder",
     "by_observatory",
     "combine_receivers",
     "decibels",
     "event_spectra",
     "find_product",
-    "given_position_hee",
+    "from_radiospectra",
     "integration_times_s",
     "join_days",
     "light_curve",
@@ -35,7 +39,11 @@ __all__ = [
     "over_background",
     "power_above_background",
     "quiet_level",
+    "quirks",
+    "receiver_position",
     "relative_power",
     "sample_times",
+    "to_radiospectra",
+    "user_days",
     "validate_spectrum",
 ]

@@ -1,8 +1,14 @@
-"""From the arrays of an archive file to a dynamic spectrum."""
+"""From the arrays of an archive file, or a list of samples of a receiver that hops, to a dynamic spectrum.
+
+Nothing here refuses a spectrum for what stands beside it: twins keep the one with data, records are put in order, a
+record whose clock jumped is left out, frequencies that move a little are one channel.
+"""
 
 import math
-from collections.abc import Mapping
-from dataclasses import dataclass
+import re
+from collections.abc import Callable, Mapping
+from contextlib import suppress
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -12,6 +18,12 @@ import xarray as xr
 from bella.exceptions import InputError
 from bella.spectra.dynamic_spectrum import validate_spectrum
 
+SAME_CHANNEL = 0.1
+"""Frequencies of two records within this share of the step between channels are one channel."""
+
+STRAY_STEPS = 10.0
+"""A record so many steps outside its two neighbours in the file, which follow one another, has a wrong time."""
+
 LONG_NAMES = {
     "db_over_background": ("intensity over background", "dB"),
     "voltage_ratio": ("voltage over background", "1"),
@@ -19,6 +31,13 @@ LONG_NAMES = {
     "flux_w_m2_hz": ("flux density", "W m-2 Hz-1"),
     "relative_flux": ("relative flux", "1"),
 }
+
+SAME_FREQUENCY = 3e-4
+"""Samples whose frequencies differ by less, in ln f, are of one channel: a tenth of the narrowest step of any receiver,
+50 kHz at 16 MHz."""
+
+EARLY = 0.02
+"""Share of a pass by which a sample may come before its pass begins: cadences are not exact to the last tick."""
 
 
 @dataclass(frozen=True)
@@ -53,7 +72,7 @@ def assemble(
 ) -> xr.Dataset:
     """Order records and channels of what was read and give it the form of a dynamic spectrum.
 
-    Records without a time, channels without a frequency and repeated ones are dropped: the first stays.
+    Records without a time and channels without a frequency are dropped; of repeated ones that with most data stays.
 
     Parameters
     ----------
@@ -79,13 +98,14 @@ def assemble(
         If the shapes do not fit or less than two records remain.
     """
     variables = {"intensity": intensity, **(extra or {})}
-    records, channels = _ascending(time), _ascending(frequency_mhz)
     for name, values in variables.items():
         if values.shape not in {(time.size, frequency_mhz.size), (frequency_mhz.size,)}:
             raise InputError(
                 f"{origin.source}: {name} of {origin.receiver} has the shape {values.shape}, "
                 f"but there are {time.size} times and {frequency_mhz.size} frequencies"
             )
+    records = _ascending(_without_strays(time), lambda: np.isfinite(intensity).sum(axis=1))
+    channels = _ascending(frequency_mhz, lambda: np.isfinite(intensity).sum(axis=0))
     ordered = {
         name: (("frequency",), values[channels])
         if values.ndim == 1
@@ -106,9 +126,54 @@ def label(spectrum: xr.Dataset) -> xr.Dataset:
     return spectrum
 
 
+def dates_in(name: str) -> list[np.datetime64]:
+    """Days that the name of a file states as YYYYMMDD; digits that are no day of the space age are none.
+
+    Parameters
+    ----------
+    name : str
+        Name of a file, or a logical identity.
+
+    Returns
+    -------
+    list of numpy.datetime64
+        Midnights, UTC, ns.
+    """
+    days = []
+    for year, month, day in re.findall(r"(?<!\d)((?:19|20)\d{2})(\d{2})(\d{2})(?!\d)", name):
+        with suppress(ValueError):
+            days.append(np.datetime64(f"{year}-{month}-{day}", "ns"))
+    return days
+
+
+def date_of(name: str) -> np.datetime64:
+    """Midnight of the day in the name of a file that states no date itself.
+
+    Parameters
+    ----------
+    name : str
+        Name with eight digits YYYYMMDD in it.
+
+    Returns
+    -------
+    numpy.datetime64
+        UTC, ns.
+
+    Raises
+    ------
+    InputError
+        If there is no date.
+    """
+    days = dates_in(name)
+    if not days:
+        raise InputError(f"{name} does not say of which day it is: name it ..._YYYYMMDD...")
+    return days[0]
+
+
 def cadence_s(time: npt.NDArray[np.datetime64]) -> float:
-    """Median step between records, s; 1 where there are none."""
-    return float(np.median(np.diff(time)) / np.timedelta64(1, "s")) if time.size > 1 else 1.0
+    """Median step between records in whatever order, s; 1 where there are none."""
+    steps = np.diff(np.unique(time[~np.isnat(time)]))
+    return float(np.median(steps) / np.timedelta64(1, "s")) if steps.size else 1.0
 
 
 def shared_channels(
@@ -128,7 +193,7 @@ def shared_channels(
     Returns
     -------
     frequency_mhz : numpy.ndarray
-        Shape (all channels,).
+        Shape (all channels,); where a channel moves a little, its mean.
     values : numpy.ndarray
         Shape (records, all channels), NaN where a record lacks a channel.
 
@@ -143,20 +208,111 @@ def shared_channels(
         raise InputError(f"{source}: frequencies of shape {frequency_mhz.shape} for values of shape {values.shape}")
     if (frequency_mhz == frequency_mhz[0]).all():
         return frequency_mhz[0], values
-    known = np.isfinite(frequency_mhz)
-    channels = np.unique(frequency_mhz[known])
+    known = np.isfinite(frequency_mhz) & (frequency_mhz > 0.0)
+    rows = np.sort(np.log(np.where(known, frequency_mhz, np.nan)), axis=1)
+    steps = np.diff(rows, axis=1)
+    step = float(np.median(steps[steps > 0.0])) if (steps > 0.0).any() else 0.0
+    channels, column = merged_channels(frequency_mhz[known], SAME_CHANNEL * step)
     if channels.size > 16 * values.shape[1]:
         raise InputError(f"{source}: {channels.size} frequencies in records of {values.shape[1]} channels")
     spread = np.full((values.shape[0], channels.size), np.nan, dtype=values.dtype)
-    row = np.broadcast_to(np.arange(values.shape[0])[:, None], values.shape)
-    spread[row[known], np.searchsorted(channels, frequency_mhz[known])] = values[known]
+    row = np.broadcast_to(np.arange(values.shape[0])[:, None], values.shape)[known]
+    has_value = np.isfinite(values[known])
+    spread[row[has_value], column[has_value]] = values[known][has_value]
     return channels, spread
 
 
-def _ascending(axis: npt.NDArray[Any]) -> npt.NDArray[np.intp]:
-    """Indices that order an axis without its gaps and repetitions."""
+def merged_channels(
+    frequency_mhz: npt.NDArray[Any], tolerance: float
+) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.intp]]:
+    """Channels of a list of frequencies, those that differ by little taken as one.
+
+    Parameters
+    ----------
+    frequency_mhz : numpy.ndarray
+        Shape (samples,), above zero.
+    tolerance : float
+        Largest step in ln f within a channel.
+
+    Returns
+    -------
+    channels : numpy.ndarray
+        Ascending, MHz: the mean of each.
+    column : numpy.ndarray of int
+        Channel of every sample.
+    """
+    distinct, inverse = np.unique(frequency_mhz, return_inverse=True)
+    level = np.log(distinct)
+    label = np.concatenate([[0], np.cumsum(np.diff(level) > tolerance)]).astype(np.intp)[: distinct.size]
+    first = np.flatnonzero(np.diff(label, prepend=-1))
+    last = np.append(first[1:], distinct.size) - 1
+    if (level[last] - level[first] > 3.0 * tolerance).any():  # they follow one another without a gap: no channels
+        return distinct.astype(np.float64), np.asarray(inverse, dtype=np.intp)
+    column = label[inverse]
+    if first.size == distinct.size:
+        return distinct.astype(np.float64), np.asarray(column, dtype=np.intp)
+    mean = np.bincount(column, weights=frequency_mhz) / np.bincount(column)
+    return np.asarray(mean, dtype=np.float64), np.asarray(column, dtype=np.intp)
+
+
+def nearest_records(
+    leader: npt.NDArray[np.datetime64], follower: npt.NDArray[np.datetime64], within_s: float
+) -> npt.NDArray[np.intp]:
+    """Record of one axis that each record of another joins, each at most one, the nearest first.
+
+    Parameters
+    ----------
+    leader, follower : numpy.ndarray
+        datetime64[ns], the first ascending with two records at least.
+    within_s : float
+        How far apart they may be, s.
+
+    Returns
+    -------
+    numpy.ndarray of int
+        Index into `leader` for each of `follower`; -1 where it stands alone.
+    """
+    partner = np.full(follower.size, -1, dtype=np.intp)
+    if leader.size < 2:
+        return partner
+    after = np.clip(np.searchsorted(leader, follower), 1, leader.size - 1)
+    nearest = np.where(follower - leader[after - 1] <= leader[after] - follower, after - 1, after)
+    distance_s = np.abs(follower - leader[nearest]) / np.timedelta64(1, "s")
+    closest_first = np.argsort(distance_s, kind="stable")
+    closest_first = closest_first[distance_s[closest_first] <= within_s]
+    _, index = np.unique(nearest[closest_first], return_index=True)
+    chosen = closest_first[index]
+    partner[chosen] = nearest[chosen]
+    return partner
+
+
+def _without_strays(time: npt.NDArray[np.datetime64]) -> npt.NDArray[np.datetime64]:
+    """Times of records, NaT for one that lies far outside its neighbours in the file, which follow one another."""
+    known = np.flatnonzero(~np.isnat(time))
+    if known.size < 5:
+        return time
+    second = (time[known] - time[known[0]]) / np.timedelta64(1, "s")
+    step = np.median(np.abs(np.diff(second)))
+    across = second[2:] - second[:-2]
+    outside = np.maximum(
+        np.minimum(second[2:], second[:-2]) - second[1:-1], second[1:-1] - np.maximum(second[2:], second[:-2])
+    )
+    is_stray = (np.abs(across) <= 4.0 * step) & (outside > STRAY_STEPS * step)
+    if not is_stray.any():
+        return time
+    kept = time.copy()
+    kept[known[1:-1][is_stray]] = np.datetime64("NaT")
+    return kept
+
+
+def _ascending(axis: npt.NDArray[Any], data_count: Callable[[], npt.NDArray[Any]]) -> npt.NDArray[np.intp]:
+    """Indices that order an axis without its gaps; of equal ones that with most data, of those the first."""
     known = np.flatnonzero(~np.isnan(axis) if axis.dtype.kind in "fM" else np.ones(axis.size, dtype=bool))
     _, first = np.unique(axis[known], return_index=True)
+    if first.size < known.size:
+        order = known[np.lexsort((-data_count()[known], axis[known]))]
+        first = np.flatnonzero(np.concatenate([[True], axis[order][1:] != axis[order][:-1]]))
+        return np.asarray(order[first], dtype=np.intp)
     return np.asarray(known[first], dtype=np.intp)
 
 
@@ -181,3 +337,156 @@ def _attributes(origin: Origin, time: npt.NDArray[np.datetime64]) -> dict[str, A
         "integration_s": min(cadence_s(time), origin.integration_s),
         "source_files": [origin.source],
     }
+
+
+def assemble_sweeps(
+    origin: Origin,
+    sweep: npt.NDArray[Any],
+    time: npt.NDArray[np.datetime64],
+    frequency_mhz: npt.NDArray[Any],
+    values: Mapping[str, npt.NDArray[Any]],
+) -> xr.Dataset:
+    """Order samples by pass and frequency.
+
+    A receiver may visit some channels several times in a sweep. A sweep is then cut into as many passes as its most
+    visited channel has, of equal length; a channel that is not visited in a pass is NaN there. Nothing is interpolated.
+
+    Parameters
+    ----------
+    origin : Origin
+        Where the samples come from.
+    sweep : numpy.ndarray
+        Number of the sweep of each sample, shape (samples,).
+    time : numpy.ndarray
+        datetime64[ns], UTC, of each sample.
+    frequency_mhz : numpy.ndarray
+        Of each sample; NaN where not known.
+    values : mapping of str to numpy.ndarray
+        "intensity" and others, shape (samples,).
+
+    Returns
+    -------
+    xarray.Dataset
+        A dynamic spectrum with ``sample_time``; ``time`` is half way between the first and last sample of a record.
+        ``integration_s`` is the time from one sample to the next: the receiver cannot have dwelt for longer.
+
+    Raises
+    ------
+    InputError
+        If the arrays have different lengths, or no samples remain.
+    """
+    if any(array.shape != time.shape for array in (sweep, frequency_mhz, *values.values())):
+        raise InputError(f"{origin.source}: the variables of {origin.receiver} have different lengths")
+    order = np.argsort(time, kind="stable")
+    order = order[(~np.isnat(time) & (frequency_mhz > 0.0) & np.isfinite(sweep))[order]]
+    if not order.size:
+        raise InputError(f"{origin.source}: no sample of {origin.receiver} has a time, a frequency and a sweep")
+    sweep, time, frequency_mhz = sweep[order], time[order], frequency_mhz[order]
+    origin = replace(origin, integration_s=dwell_s(time))
+    channels, column = merged_channels(frequency_mhz, SAME_FREQUENCY)
+    row = _passes(np.unique(sweep, return_inverse=True)[1], column, time)
+    shape = (int(row.max()) + 1, channels.size)
+    if shape[0] * shape[1] > 64 * time.size + 4096:
+        raise InputError(f"{origin.source}: {time.size} samples at {channels.size} frequencies are no sweeps")
+    when = np.full(shape, np.datetime64("NaT"), dtype="datetime64[ns]")
+    # what is written last stays: the first visit with a value of several in one record
+    last = (order.size - 1) - np.argsort(np.isfinite(values["intensity"][order])[::-1], kind="stable")
+    when[row[last], column[last]] = time[last]
+    centre = record_centres(row, time)
+    missing = np.isnat(when)
+    when[missing] = np.broadcast_to(centre[:, None], shape)[missing]
+    order, row, column = order[last], row[last], column[last]
+    extra = {name: _spread(array[order], row, column, shape) for name, array in values.items()}
+    return assemble(origin, centre, channels, extra.pop("intensity"), {"sample_time": when, **extra})
+
+
+def dwell_s(time: npt.NDArray[np.datetime64]) -> float:
+    """Longest that a receiver can have stayed at a frequency before it went on to the next.
+
+    Parameters
+    ----------
+    time : numpy.ndarray
+        datetime64[ns] of samples, in any order.
+
+    Returns
+    -------
+    float
+        Median step from one sample to the next, s; infinite where all were taken at once.
+    """
+    steps = np.diff(np.unique(time[~np.isnat(time)]))
+    return float(np.median(steps) / np.timedelta64(1, "s")) if steps.size else np.inf
+
+
+def mean_time_sd_s(revisit_s: float, span_s: float = 60.0) -> float:
+    """How far from the middle of an interval the mean time of the samples is that fall in it.
+
+    A minute that averages one or two sweeps of 38 s holds them anywhere; its middle is not when it was measured.
+
+    Parameters
+    ----------
+    revisit_s : float
+        Time from one sample of a channel to the next, s.
+    span_s : float
+        Length of the interval, s.
+
+    Returns
+    -------
+    float
+        Standard deviation over all ways in which samples and intervals may lie, of intervals with a sample, s.
+    """
+    whole = np.floor(span_s / revisit_s)
+    # the mean of one sample more is uniform over the first width, of as many as fit over the second
+    widths = np.array([span_s - whole * revisit_s, (whole + 1) * revisit_s - span_s if whole else 0.0])
+    return float(np.sqrt((widths**3).sum() / 12.0 / widths.sum()))
+
+
+def _passes(
+    sweep: npt.NDArray[np.intp], column: npt.NDArray[np.intp], time: npt.NDArray[np.datetime64]
+) -> npt.NDArray[np.intp]:
+    """Number of the pass of each sample, counted without gaps; samples are in order of time."""
+    second = (time - time[0]) / np.timedelta64(1, "s")
+    begin = np.full(int(sweep.max()) + 1, np.inf)
+    np.minimum.at(begin, sweep, second)
+    step_s = _pass_length_s(sweep, column, second)
+    within = np.floor((second - begin[sweep]) / step_s + EARLY).astype(np.int64)
+    longest = int(within.max()) + 1
+    return np.asarray(np.unique(sweep * longest + within, return_inverse=True)[1], dtype=np.intp)
+
+
+def _pass_length_s(sweep: npt.NDArray[np.intp], column: npt.NDArray[np.intp], second: npt.NDArray[np.float64]) -> float:
+    """Median time between two visits of the most visited channel in one sweep, s; infinite where it has one visit."""
+    counts = np.bincount(column)
+    busiest = column == counts.argmax()
+    steps = np.diff(second[busiest])[np.diff(sweep[busiest]) == 0]
+    return float(np.median(steps)) if 2 * steps.size > np.unique(sweep[busiest]).size else np.inf
+
+
+def record_centres(row: npt.NDArray[np.intp], time: npt.NDArray[np.datetime64]) -> npt.NDArray[np.datetime64]:
+    """Half way between the first and the last sample of every record.
+
+    Parameters
+    ----------
+    row : numpy.ndarray
+        Record of each sample, counted without gaps.
+    time : numpy.ndarray
+        datetime64[ns] of each sample, none missing.
+
+    Returns
+    -------
+    numpy.ndarray
+        datetime64[ns], shape (records,).
+    """
+    nanosecond = time.astype("datetime64[ns]").astype(np.int64)
+    first = np.full(int(row.max()) + 1, np.iinfo(np.int64).max)
+    last = np.full(first.size, np.iinfo(np.int64).min)
+    np.minimum.at(first, row, nanosecond)
+    np.maximum.at(last, row, nanosecond)
+    return np.asarray(first + (last - first) // 2, dtype="datetime64[ns]")
+
+
+def _spread(
+    values: npt.NDArray[Any], row: npt.NDArray[np.intp], column: npt.NDArray[np.intp], shape: tuple[int, int]
+) -> npt.NDArray[np.float32]:
+    grid = np.full(shape, np.nan, dtype=np.float32)
+    grid[row, column] = values
+    return grid

@@ -1,26 +1,43 @@
-"""Reading damaged files without harm: every length a file claims is held against what the file can hold.
+"""Reading damaged files without harm: libraries that believe what a file claims read it in a process of their own.
 
 A file cut short, or with a flipped bit, may claim records of exabytes, lists that run in circles, or compressed blocks
-that swell a thousandfold. The libraries that read such files believe them. Here they are given a stream that does not.
+that swell a thousandfold. That process has little time and memory (:mod:`bella.spectra.reader_process`); it is started
+with the first file and serves all that follow, as starting it takes longer than reading a day of minutes.
 """
 
+import atexit
+import json
+import math
+import os
+import select
+import signal
+import subprocess
+import sys
+import threading
 import zlib
 from collections.abc import Iterator
 from contextlib import contextmanager
-from typing import BinaryIO
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from bella.exceptions import BellaError, InputError
 
-READS = 100_000
-"""Pieces that may be read from one file; the richest archive file needs about a tenth."""
+SCRIPT = Path(__file__).with_name("reader_process.py")
+LEAST_CPU_S, CPU_S_PER_MB = 5, 1.0
+"""Longest that reading may take, s of the processor; reading a real day takes a twentieth of it."""
 
-MARGIN_BYTES = 16 << 20
-REREAD = 20
+WALL_FACTOR = 20.0
+"""A machine at work on other things gives a process this share of its time at least."""
+
 PIECE_BYTES = 1 << 16
 INFLATED_BYTES = 256 << 20
 """Most that one file may hold once decompressed; a day at native cadence holds less than half."""
+
+LARGEST_ANSWER_BYTES = 1 << 30
+UNREADABLE = ("compress", "encod", "unsupported", "not implemented")
+"""Words of libraries about what they do not read in a file that may be whole."""
 
 
 @contextmanager
@@ -46,63 +63,111 @@ def reading(name: str, kind: str) -> Iterator[None]:
         raise
     except Exception as error:
         reason = " ".join(str(error).split())[:160] or type(error).__name__
-        raise InputError(f"{name} cannot be read as {kind} ({reason}): download it again") from error
+        is_kind = any(word in reason.lower() for word in UNREADABLE)
+        advice = f"write it anew as a plain {kind}" if is_kind else "download it again"
+        raise InputError(f"{name} cannot be read as {kind} ({reason}): {advice}") from error
 
 
-class BoundedStream:
-    """A file that refuses to be read beyond its end, too often or too much.
+class ReaderProcess:
+    """The process that reads files, started anew whenever a file has ended it."""
 
-    Parameters
-    ----------
-    stream : BinaryIO
-        Open for reading and seekable; closed with this object.
-    """
+    def __init__(self) -> None:
+        self.lock = threading.RLock()
+        self._process: subprocess.Popen[bytes] | None = None
+        self._owner = 0
 
-    def __init__(self, stream: BinaryIO) -> None:
-        self._stream = stream
-        self.size = stream.seek(0, 2)
-        stream.seek(0)
-        self._reads_left = READS
-        self._bytes_left = REREAD * self.size + MARGIN_BYTES
+    def ask(self, do: str, *of: Any, cpu_s: int = LEAST_CPU_S) -> Any:
+        """What the process answers to a request; hold ``lock`` through the requests of one file.
 
-    def read(self, size: int = -1) -> bytes:
-        """The next `size` bytes, all of them.
+        Parameters
+        ----------
+        do : str
+            Name of the request.
+        of : Any
+            Its arguments, as JSON has them.
+        cpu_s : int
+            Longest that it may take, s of the processor.
 
-        Raises
-        ------
-        ValueError
-            If there are fewer, or if too much was read already.
-        """
-        self._reads_left -= 1
-        self._bytes_left -= max(size, 0)
-        if not 0 <= size <= self.size:
-            raise ValueError(f"a record claims {size} bytes in a file of {self.size}")
-        if self._reads_left < 0 or self._bytes_left < 0:
-            raise ValueError("its records do not end")
-        piece = self._stream.read(size)
-        if len(piece) < size:
-            raise ValueError(f"it ends early, after {self.size} bytes")
-        return piece
-
-    def seek(self, offset: int, whence: int = 0) -> int:
-        """Go to a place in the file.
+        Returns
+        -------
+        Any
+            A value of JSON, or an array.
 
         Raises
         ------
         ValueError
-            If it lies outside.
+            With the reason where the file cannot be read, or not within the limits.
         """
-        if whence == 0 and not 0 <= offset <= self.size:
-            raise ValueError(f"it ends early: a record is at byte {offset} of {self.size}")
-        return self._stream.seek(offset, whence)
+        with self.lock:
+            process = self._running()
+            request = json.dumps({"do": do, "of": of, "cpu_s": cpu_s}).encode() + b"\n"
+            try:
+                process.stdin.write(request)  # type: ignore[union-attr]
+                process.stdin.flush()  # type: ignore[union-attr]
+                return self._answer(process, cpu_s)
+            except (OSError, EOFError, json.JSONDecodeError):
+                raise ValueError(self._why_ended(cpu_s)) from None
 
-    def tell(self) -> int:
-        """Where in the file the next byte is read."""
-        return self._stream.tell()
+    def stop(self) -> None:
+        """End the process."""
+        process, self._process = self._process, None
+        if process is not None and self._owner == os.getpid():
+            process.kill()
+            process.communicate()
 
-    def close(self) -> None:
-        """Close the file."""
-        self._stream.close()
+    def _running(self) -> "subprocess.Popen[bytes]":
+        is_mine = self._owner == os.getpid()  # after a fork the process belongs to the parent
+        if self._process is None or not is_mine or self._process.poll() is not None:
+            self._owner = os.getpid()
+            self._process = subprocess.Popen(  # noqa: S603 - a script of this package
+                [sys.executable, "-I", os.fspath(SCRIPT)],
+                stdin=subprocess.PIPE,
+                stdout=subprocess.PIPE,
+                stderr=subprocess.DEVNULL,
+                env={**os.environ, "OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1"},
+            )
+        return self._process
+
+    def _answer(self, process: "subprocess.Popen[bytes]", cpu_s: int) -> Any:
+        stream = process.stdout
+        if stream is None or not select.select([stream], [], [], WALL_FACTOR * cpu_s)[0]:
+            raise EOFError
+        head = json.loads(stream.readline())
+        if "error" in head:
+            raise ValueError(head["error"])
+        if "dtype" not in head:
+            return head["value"]
+        dtype, shape = np.dtype(head["dtype"]), tuple(head["shape"])
+        if dtype.kind not in "iufc" or not 0 <= dtype.itemsize * math.prod(shape) <= LARGEST_ANSWER_BYTES:
+            raise EOFError
+        values = np.empty(shape, dtype)
+        left = memoryview(values).cast("B") if values.size else memoryview(b"")
+        while left:
+            count = stream.readinto(left)  # type: ignore[attr-defined]
+            if not count:
+                raise EOFError
+            left = left[count:]
+        return values
+
+    def _why_ended(self, cpu_s: int) -> str:
+        process = self._process
+        try:
+            code = process.wait(1.0) if process is not None else 0
+        except subprocess.TimeoutExpired:
+            code = 0
+        self.stop()
+        if code in {0, -signal.SIGXCPU}:
+            return f"reading it does not end within {cpu_s} s"
+        return f"the library that reads it hangs or crashes on it, signal {-code}"
+
+
+READER = ReaderProcess()
+atexit.register(READER.stop)
+
+
+def cpu_limit_s(path: Path) -> int:
+    """Longest that reading a file may take, s of the processor."""
+    return LEAST_CPU_S + int(CPU_S_PER_MB * path.stat().st_size / 1e6)
 
 
 def inflate(compressed: bytes, limit: int) -> bytearray:

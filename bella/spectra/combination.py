@@ -1,6 +1,7 @@
 """Joining spectra of one spacecraft: receivers side by side, days one after the other."""
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
+from functools import reduce
 from typing import Any
 
 import numpy as np
@@ -9,11 +10,14 @@ import xarray as xr
 
 from bella.exceptions import InputError
 from bella.records import Origin
-from bella.spectra.assembly import cadence_s, label
+from bella.spectra.assembly import cadence_s, label, nearest_records
 from bella.spectra.dynamic_spectrum import POSITION, integration_times_s, sample_times, validate_spectrum
-from bella.spectra.given_positions import join_positions
+from bella.spectra.positions import join_positions
 
 INTEGRATION = "channel_integration_s"
+
+LEFT_OUT = {("WIND", "TNR")}
+"""Receivers that look at the plasma around the spacecraft, below the band of bursts far from it."""
 
 
 def combine_receivers(first: xr.Dataset, second: xr.Dataset) -> xr.Dataset:
@@ -57,7 +61,7 @@ def combine_receivers(first: xr.Dataset, second: xr.Dataset) -> xr.Dataset:
 def join_days(spectra: Sequence[xr.Dataset]) -> xr.Dataset:
     """Spectra of one receiver that follow one another as one: files that end before or after midnight, or overlap.
 
-    Records that two files hold are kept once, from the file given first. Channels that a file lacks are NaN there.
+    A record that two files hold is kept once: that with most data, of equal ones that of the file given first. Channels that a file lacks are NaN there.
     What is relative to the background of a day (``voltage_ratio``, ``db_over_background``) stays relative to that of
     its own day, and may step at midnight. Positions of the spacecraft are kept.
 
@@ -87,10 +91,67 @@ def join_days(spectra: Sequence[xr.Dataset]) -> xr.Dataset:
     joined = xr.concat(
         parts, "time", join="outer", data_vars="minimal", coords="minimal", compat="override", combine_attrs="drop"
     )
-    joined = joined.drop_duplicates("time").sortby("time").assign(flags)
+    joined = joined.isel(time=_fullest_records(joined)).assign(flags)
     if "sample_time" in joined:
         joined = joined.assign(sample_time=joined["sample_time"].fillna(joined["time"]))
     return _finish(joined, list(spectra), str(spectra[0].attrs["receiver"]))
+
+
+def by_observatory(spectra: Iterable[xr.Dataset]) -> dict[str, xr.Dataset]:
+    """Join days and combine receivers of every spacecraft.
+
+    Where there are several products of a spacecraft (of different quantities, which cannot be combined), the one of the
+    finest cadence is taken; of equal ones, that with more channels.
+
+    Parameters
+    ----------
+    spectra : iterable of xarray.Dataset
+        Dynamic spectra of any spacecraft, receivers and days.
+
+    Returns
+    -------
+    dict of str to xarray.Dataset
+        By observatory, in the order in which they come first.
+
+    Raises
+    ------
+    InputError
+        If there are none.
+    """
+    products: dict[tuple[str, str], dict[str, list[xr.Dataset]]] = {}
+    for spectrum in spectra:
+        name, receiver = str(spectrum.attrs["observatory"]), str(spectrum.attrs["receiver"])
+        if (name, receiver) not in LEFT_OUT:
+            receivers = products.setdefault((name, str(spectrum.attrs["quantity"])), {})
+            receivers.setdefault(receiver, []).append(spectrum)
+    if not products:
+        raise InputError("there are no spectra of radio bursts: name files of at least one receiver")
+    combined = [
+        (
+            name,
+            reduce(combine_receivers, [join_days(days) if len(days) > 1 else days[0] for days in receivers.values()]),
+        )
+        for (name, _), receivers in products.items()
+    ]
+    best: dict[str, xr.Dataset] = {}
+    for name, spectrum in combined:
+        if name not in best or _rank(spectrum) < _rank(best[name]):
+            best[name] = spectrum
+    return best
+
+
+def _rank(spectrum: xr.Dataset) -> tuple[float, int]:
+    return round(cadence_s(spectrum["time"].to_numpy()), 1), -spectrum.sizes["frequency"]
+
+
+def _fullest_records(joined: xr.Dataset) -> npt.NDArray[np.intp]:
+    """Indices of records in order of time; of those at one instant that with most data, of equal ones the first."""
+    time = joined["time"].to_numpy()
+    if np.unique(time).size == time.size:
+        return np.argsort(time, kind="stable")
+    count = np.isfinite(joined["intensity"].transpose("time", "frequency").to_numpy()).sum(axis=1)
+    order = np.lexsort((-count, time))
+    return np.asarray(order[np.concatenate([[True], np.diff(time[order]) > np.timedelta64(0)])], dtype=np.intp)
 
 
 def _same(first: xr.Dataset, second: xr.Dataset, names: tuple[str, ...]) -> None:
@@ -136,27 +197,14 @@ def _on_one_axis(low: xr.Dataset, high: xr.Dataset) -> list[xr.Dataset]:
         one.assign(sample_time=sample_times(one)).drop_vars("sample_offset_s", errors="ignore") for one in (low, high)
     )
     leader, follower = (low, high) if low.sizes["time"] >= high.sizes["time"] else (high, low)
-    partner = _partners(leader["time"].to_numpy(), follower["time"].to_numpy())
+    leading = leader["time"].to_numpy()
+    partner = nearest_records(leading, follower["time"].to_numpy(), cadence_s(leading) / 2.0)
     alone = follower["time"].to_numpy()[partner < 0]
     axis = np.union1d(leader["time"].to_numpy(), alone)
-    leading = leader["time"].to_numpy()[np.maximum(partner, 0)]
+    leading = leading[np.maximum(partner, 0)]
     moved = follower.assign_coords(time=np.where(partner < 0, follower["time"].to_numpy(), leading))
     parts = [one.reindex(time=axis) for one in (leader, moved)]
     return [one.assign(sample_time=one["sample_time"].fillna(one["time"])) for one in parts]
-
-
-def _partners(leader: npt.NDArray[np.datetime64], follower: npt.NDArray[np.datetime64]) -> npt.NDArray[np.intp]:
-    """Index of the leading record each following record joins; -1 where it stands alone."""
-    after = np.clip(np.searchsorted(leader, follower), 1, leader.size - 1)
-    nearest = np.where(follower - leader[after - 1] <= leader[after] - follower, after - 1, after)
-    distance_s = np.abs(follower - leader[nearest]) / np.timedelta64(1, "s")
-    partner = np.full(follower.size, -1, dtype=np.intp)
-    closest_first = np.argsort(distance_s, kind="stable")
-    closest_first = closest_first[distance_s[closest_first] <= cadence_s(leader) / 2.0]
-    _, index = np.unique(nearest[closest_first], return_index=True)
-    chosen = closest_first[index]
-    partner[chosen] = nearest[chosen]
-    return partner
 
 
 def _with_same_variables(parts: list[xr.Dataset]) -> list[xr.Dataset]:
@@ -196,17 +244,30 @@ def _interpolated(spectra: Sequence[xr.Dataset]) -> dict[str, xr.DataArray]:
     return {"interpolated": ~xr.concat(measured, "file", join="exact").any("file")}
 
 
+LEAST_REAL = (Origin.SIMULATED, Origin.TEST, Origin.USER, Origin.SUBMISSION, Origin.EVENT, Origin.ARCHIVE)
+"""What is made of several counts as the first of these that any of them is."""
+
+
+def _gathered(parts: list[xr.Dataset]) -> dict[str, str]:
+    """Origin, quirks and variables left out, of all parts."""
+    origins = {str(part.attrs["origin"]) for part in parts if "origin" in part.attrs}
+    found = {"origin": next(one.value for one in LEAST_REAL if one in origins)} if origins else {}
+    for name in ("quirks", "left_out"):
+        held = [one for part in parts for one in str(part.attrs.get(name, "")).split(";") if one]
+        if held:
+            found[name] = ";".join(dict.fromkeys(held))
+    return found
+
+
 def _finish(joined: xr.Dataset, parts: list[xr.Dataset], receiver: str) -> xr.Dataset:
     sources = [str(name) for part in parts for name in np.atleast_1d(part.attrs["source_files"])]
     joined["intensity"] = joined["intensity"].astype(np.float32, copy=False)
     joined.attrs = {
         **parts[0].attrs,
+        **_gathered(parts),
         "receiver": receiver,
         "integration_s": max(float(part.attrs["integration_s"]) for part in parts),
         "source_files": list(dict.fromkeys(sources)),
     }
-    stated = [str(part.attrs["origin"]) for part in parts if "origin" in part.attrs]
-    if stated:  # what is simulated in part is not measured
-        joined.attrs["origin"] = max(stated, key=[*Origin].index)
     placed = join_positions(joined.transpose("time", "frequency"), parts)
     return label(validate_spectrum(placed, ", ".join(sources)))

@@ -10,9 +10,13 @@ A dynamic spectrum is an :class:`xarray.Dataset` with dimensions ``time`` and ``
   the times of their samples are known;
 - optional ``visits_apart_s(time, frequency)``: time between the two visits that a sample is the mean of, 0 where it is
   of one;
+- optional ``flux_sfu_1au(time, frequency)``: flux density as it would be at 1 au, sfu, where the archive has it;
 - optional ``position_km(time, axis)``: where the spacecraft was, NaN where not known, with the attribute ``frame``, one
   of ``POSITION_FRAMES``;
 - attributes ``observatory``, ``receiver``, ``quantity`` (one of ``QUANTITIES``), ``integration_s``, ``source_files``;
+- attribute ``origin``, one of :class:`bella.records.Origin`, which the reader fills in: ``archive``, ``simulated`` where
+  the file says so, ``user`` for netCDF and Zarr without it; optional ``quirks``, names of the known quirks of the
+  instrument that apply (:mod:`bella.spectra.quirks`), and ``left_out``, variables of the file that did not fit, both with semicolons between the names;
 - optional attribute ``power_exponent`` with ``relative_flux``: 2 where intensity is an amplitude, as of Wind, else 1.
 
 Whatever is written in this form to netCDF or Zarr can be fed in, whichever instrument it comes from.
@@ -41,6 +45,7 @@ OPTIONAL_DIMENSIONS = {
     "channel_integration_s": ("frequency",),
     "sample_time_sd_s": ("frequency",),
     "visits_apart_s": ("time", "frequency"),
+    "flux_sfu_1au": ("time", "frequency"),
     POSITION: ("time", "axis"),
 }
 

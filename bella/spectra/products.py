@@ -1,15 +1,34 @@
-"""The archive products that can be read: how their files are named, what they hold, and whether that was ever tried."""
+"""The archive products that can be read, and opening a file of spectra, whichever product it is of.
+
+A product is how its files are named, what they hold, and whether its reader was ever run on a file of the archive.
+"""
 
 import re
 from collections.abc import Callable
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any, Literal
 
+import numpy as np
 import xarray as xr
 
-from bella.spectra import psp, solo, stereo, stereo_text, wind, wind_files
+from bella.exceptions import InputError
+from bella.records import Origin
+from bella.spectra import psp, solo, stereo, wind
+from bella.spectra.assembly import dates_in
+from bella.spectra.cdf import MAGIC, CdfFile, open_cdf
+from bella.spectra.cf_files import ZARR_MARKS, open_cf
+from bella.spectra.quirks import quirks_of
 
 Spectra = tuple[xr.Dataset, ...]
+
+HDF5, NETCDF3, IDL, GZIP = b"\x89HDF", b"CDF", b"SR\x00", b"\x1f\x8b"
+CONTAINERS = {"cdf": "a CDF", "idl": "an IDL save set", "binary": "a binary", "text": "a table", "cf": "netCDF"}
+ORIGIN_ATTRIBUTE = "Bella_origin"
+"""Attribute of a CDF that was not measured: files that `bella simulate` writes say ``simulated`` in it."""
+
+NEAR_DAY = np.timedelta64(1, "D")
+"""A file may reach so far into the days around that of its name: those of Wind L2 begin on the evening before."""
 
 
 @dataclass(frozen=True)
@@ -67,7 +86,7 @@ PRODUCTS = (
         True,
         "cdf",
         r"wi_h1_wav",
-        ("Epoch", "E_VOLTAGE_RAD1", "E_VOLTAGE_RAD2"),
+        (),
         wind.read_h1,
     ),
     Product(
@@ -79,7 +98,7 @@ PRODUCTS = (
         False,
         "cdf",
         r"wi_l2_wav_(rad1|rad2|tnr)",
-        ("Epoch", "FREQUENCY"),
+        ("FREQUENCY",),
         wind.read_l2,
     ),
     Product(
@@ -91,7 +110,7 @@ PRODUCTS = (
         False,
         "cdf",
         r"wi_k0_wav",
-        ("Epoch", "E_Average"),
+        ("E_Average",),
         wind.read_k0,
     ),
     Product(
@@ -103,7 +122,7 @@ PRODUCTS = (
         True,
         "cdf",
         r"wi_wav?_(rad1)_l3_df",
-        ("Epoch", "SWEEP", "FREQUENCY", "STOKES_I"),
+        ("FREQUENCY", "STOKES_I"),
         wind.read_l3_directions,
     ),
     Product(
@@ -116,7 +135,7 @@ PRODUCTS = (
         "binary",
         r"wi(?:_wa|n)_(rad1|rad2|tnr)_(?:l2_)?60s_",
         (),
-        wind_files.read_60s,
+        wind.read_60s,
     ),
     Product(
         "Wind/WAVES IDL",
@@ -128,7 +147,7 @@ PRODUCTS = (
         "idl",
         r"(?:wind_waves_rad[12]_)?\d{8}\.(r[12])$",
         (),
-        wind_files.read_idl,
+        wind.read_idl,
     ),
     Product(
         "STEREO/WAVES level 2",
@@ -139,7 +158,7 @@ PRODUCTS = (
         True,
         "cdf",
         r"stereo_level2_swaves",
-        ("Epoch", "frequency", "avg_intens_ahead"),
+        ("frequency",),
         stereo.read_level2,
     ),
     Product(
@@ -151,7 +170,7 @@ PRODUCTS = (
         False,
         "cdf",
         r"st([ab])_l3_wav_(lfr|hfr)",
-        ("Epoch", "FREQUENCY", "PSD_FLUX"),
+        ("FREQUENCY", "PSD_FLUX"),
         stereo.read_l3,
     ),
     Product(
@@ -164,7 +183,7 @@ PRODUCTS = (
         "text",
         r"swaves_average_\d{8}_([ab])_(lfr|hfr)\.",
         (),
-        stereo_text.read_text,
+        stereo.read_text,
     ),
     Product(
         "STEREO/WAVES text, new name",
@@ -176,7 +195,7 @@ PRODUCTS = (
         "text",
         r"stereo-([ab])_swaves_(lfr|hfr)_average_\d{8}",
         (),
-        stereo_text.read_text,
+        stereo.read_text,
     ),
     Product(
         "PSP FIELDS/RFS L2",
@@ -211,7 +230,7 @@ PRODUCTS = (
         False,
         "cdf",
         r"solo_l2_rpw-(hfr)-surv",
-        ("FREQUENCY", "SWEEP_NUM", "AGC1", "AGC2"),
+        ("FREQUENCY", "SWEEP_NUM"),
         solo.read_l2_hfr,
     ),
     Product(
@@ -223,7 +242,7 @@ PRODUCTS = (
         False,
         "cdf",
         r"solo_l2_rpw-(tnr)-surv",
-        ("TNR_BAND", "TNR_BAND_FREQ", "AUTO1", "AUTO2"),
+        ("TNR_BAND", "TNR_BAND_FREQ"),
         solo.read_l2_tnr,
     ),
     Product(
@@ -269,3 +288,126 @@ def find_product(identity: str) -> tuple[Product, str] | None:
     """
     found = ((product, product.receiver_of(identity)) for product in PRODUCTS)
     return next(((product, receiver) for product, receiver in found if receiver is not None), None)
+
+
+def open_spectra(path: str | Path) -> Spectra:
+    """Read every dynamic spectrum of a file.
+
+    The product is recognised from the name of the file and from what it holds; where the two disagree the file is
+    refused. A file of any other instrument can be read if it is netCDF or Zarr in the form of a dynamic spectrum
+    (:mod:`bella.spectra.dynamic_spectrum`), one spectrum at the root or one in each group.
+
+    Parameters
+    ----------
+    path : str or pathlib.Path
+        File of an archive, netCDF file or Zarr group.
+
+    Returns
+    -------
+    tuple of xarray.Dataset
+        Dynamic spectra in memory, one per spacecraft and receiver.
+
+    Raises
+    ------
+    InputError
+        If there is no such file, or if it is damaged, of no known product or not what its name says.
+    """
+    path = Path(path)
+    if path.is_dir() and any((path / mark).is_file() for mark in ZARR_MARKS):
+        return open_cf(path, "zarr")
+    if not path.is_file():
+        raise InputError(f"{path} is no file and no Zarr group: check the name")
+    head = _head(path)
+    if head.lstrip().lower().startswith((b"<!doctype", b"<html", b"<?xml")):
+        raise InputError(f"{path} is a web page, not data: the server answered with an error; download it again")
+    found = find_product(path.name)
+    is_packed = head.startswith(GZIP)
+    if head.startswith(MAGIC) or (is_packed and found is not None and found[0].container == "cdf"):
+        return _open_archive_cdf(path)
+    if is_packed:
+        raise InputError(f"{path} is packed with gzip: unpack it with gunzip")
+    if head.startswith((HDF5, NETCDF3)):
+        return open_cf(path, "h5netcdf" if head.startswith(HDF5) else "scipy")
+    return _open_other(path, head)
+
+
+def _head(path: Path) -> bytes:
+    try:
+        with path.open("rb") as stream:
+            head = stream.read(512)
+    except OSError as error:
+        raise InputError(f"{path} cannot be opened ({error.strerror}): check who may read it") from error
+    if not head:
+        raise InputError(f"{path} is empty: download it again")
+    return head
+
+
+def _open_archive_cdf(path: Path) -> Spectra:
+    with open_cdf(path) as cdf:
+        product, receiver = _product_of(cdf)
+        absent = [name for name in product.signature if name not in cdf.variables]
+        if absent:
+            raise InputError(f"{path} has no variable {absent[0]!r}: it is not {product.name} as its name says")
+        if product.read is None:
+            raise InputError(f"{path} is CDF, but {product.name} is not")
+        spectra = product.read(cdf, receiver)
+        origin = _origin_of(cdf)
+        identity = cdf.attribute("Logical_file_id")
+    return tuple(_held_against(one, (path.name, identity), path.name, origin) for one in spectra)
+
+
+def _origin_of(cdf: CdfFile) -> Origin:
+    stated = cdf.attribute(ORIGIN_ATTRIBUTE).lower()
+    if stated and stated not in set(Origin):
+        raise InputError(f"{cdf.name}: attribute {ORIGIN_ATTRIBUTE} is {stated!r}: use simulated, or leave it out")
+    return Origin(stated or Origin.ARCHIVE)
+
+
+def _held_against(spectrum: xr.Dataset, names: tuple[str, ...], source: str, origin: Origin) -> xr.Dataset:
+    """A spectrum with its origin and quirks, if its times are near the days that the file is named after.
+
+    Raises
+    ------
+    InputError
+        If a record or a sample is farther than `NEAR_DAY` from a day in one of the names.
+    """
+    times = [spectrum["time"].to_numpy()]
+    if "sample_time" in spectrum:
+        times.append(spectrum["sample_time"].to_numpy())
+    first, last = min(one.min() for one in times), max(one.max() for one in times)
+    for day in (day for name in names for day in dates_in(name)):
+        if first < day - NEAR_DAY or last >= day + 2 * NEAR_DAY:
+            raise InputError(
+                f"{source} is named after {day.astype('datetime64[D]')}, but holds times from "
+                f"{np.datetime_as_string(first, 's')} to {np.datetime_as_string(last, 's')}: its clock or its name is "
+                "wrong; take another version of the file"
+            )
+    spectrum = spectrum.assign_attrs(origin=origin.value)
+    found = quirks_of(spectrum)
+    return spectrum.assign_attrs(quirks=";".join(found)) if found else spectrum
+
+
+def _product_of(cdf: CdfFile) -> tuple[Product, str]:
+    """Product by content where the file says so itself, else by its name."""
+    named = find_product(cdf.name)
+    stated = [cdf.attribute(name) for name in ("Logical_file_id", "Logical_source")]
+    holds = next((found for found in map(find_product, stated) if found), None)
+    if named and holds and named != holds:
+        raise InputError(f"{cdf.name} is named after {named[0].name}, but holds {holds[0].name} {holds[1]}".rstrip())
+    found = holds or named
+    if found is None or found[0].container != "cdf":
+        raise InputError(
+            f"{cdf.name} ({next(filter(None, stated), 'no identity')}) is of no known product: see 'bella formats'"
+        )
+    return found
+
+
+def _open_other(path: Path, head: bytes) -> Spectra:
+    found = find_product(path.name)
+    if found is None or found[0].read is None:
+        raise InputError(f"{path} is of no known product: see 'bella formats' for names and forms that can be read")
+    product, receiver = found
+    if product.container == "cdf" or (product.container == "idl") != head.startswith(IDL):
+        raise InputError(f"{path} is named after {product.name}, but is not {CONTAINERS[product.container]}")
+    spectra: Spectra = found[0].read(path, receiver)
+    return tuple(_held_against(one, (path.name,), path.name, Origin.ARCHIVE) for one in spectra)

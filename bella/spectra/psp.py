@@ -1,26 +1,41 @@
 """Parker Solar Probe FIELDS/RFS CDFs: LFR and HFR, as voltage (L2) and as flux (L3)."""
 
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 import xarray as xr
 
 from bella.exceptions import InputError
-from bella.spectra.assembly import Origin, assemble, shared_channels
+from bella.spectra.assembly import Origin, assemble, cadence_s, nearest_records, shared_channels
+from bella.spectra.beside import Beside, epoch_of, read_records
 from bella.spectra.cdf import CdfFile, TimeArray
 
 OBSERVATORY = "PSP"
 DIPOLES = ("ch0_V1V2", "ch1_V3V4")
-Part = tuple[TimeArray, npt.NDArray[Any], npt.NDArray[Any]]
+SAME_RECORD = 0.25
+"""Records of the two dipoles so near, as a share of the time between records, were read at the same time."""
+
+SAME_CHANNEL = 1e-3
+"""Their channels may differ by this: the step between channels is 45 times as large."""
+
+
+class Part(NamedTuple):
+    """What one dipole recorded."""
+
+    time: TimeArray
+    """Ascending, shape (records,)."""
+    frequency_mhz: npt.NDArray[Any]
+    power: npt.NDArray[Any]
+    """Shape (records, channels)."""
 
 
 def read_l2(cdf: CdfFile, receiver: str) -> tuple[xr.Dataset, ...]:
     """Mean power on the two dipoles, V^2/Hz, at native cadence (7 s in encounters, 56 s in cruise, mixed in a day).
 
     Not yet run on an archive file: written to the published description of the product. The dipoles V1-V2 and V3-V4
-    are summed, which is Stokes I, where both were read at the same time; where the file has only one, it stands alone
-    and the attribute ``dipoles`` says so.
+    are summed, which is Stokes I, where both were read at the same time; a record of one only counts twice. Where the
+    file has only one dipole, it stands alone and the attribute ``dipoles`` says so.
 
     Parameters
     ----------
@@ -65,50 +80,72 @@ def read_l3(cdf: CdfFile, receiver: str) -> tuple[xr.Dataset, ...]:
     InputError
         If the file is not of this product, or holds no flux.
     """
-    whole = f"psp_fld_l3_rfs_{receiver}_PSD_FLUX"
-    if not cdf.has_records(whole):
+    whole = cdf.first_with_data(f"psp_fld_l3_rfs_{receiver}_PSD_FLUX")
+    if not whole:
         return (_sum_of_dipoles(cdf, receiver, "psp_fld_l3", "_flux", "flux_w_m2_hz"),)
     suffix = f"{receiver}_auto_averages_{DIPOLES[0]}"
-    axes = [
-        cdf.attribute(attribute, whole) or f"{name}_{suffix}"
-        for attribute, name in (("DEPEND_0", "epoch"), ("DEPEND_1", "frequency"))
-    ]
-    time, frequency_mhz, flux = _part(cdf, axes[0], axes[1], whole)
-    return (assemble(Origin(OBSERVATORY, receiver.upper(), "flux_w_m2_hz", cdf.name), time, frequency_mhz, flux),)
+    frequency = cdf.first_with_data(cdf.attribute("DEPEND_1", whole), f"frequency_{suffix}")
+    if not frequency:
+        raise InputError(f"{cdf.name}: {whole} has no frequencies; take another version of the file")
+    epoch = cdf.first_with_data(cdf.attribute("DEPEND_0", whole), f"epoch_{suffix}")
+    time = cdf.utc(epoch or epoch_of(cdf, whole))
+    flux = cdf.numbers(whole, 2)
+    flux[flux <= 0.0] = np.nan
+    origin = Origin(OBSERVATORY, receiver.upper(), "flux_w_m2_hz", cdf.name)
+    at_1_au = {"flux_sfu_1au": f"psp_fld_l3_rfs_{receiver}_PSD_SFU"}
+    at_1_au = {name: stored for name, stored in at_1_au.items() if cdf.has_records(stored)}
+    return (read_records(cdf, origin, whole, time, cdf.frequency_mhz(frequency, "Hz"), flux, extra=at_1_au),)
 
 
 def _sum_of_dipoles(cdf: CdfFile, receiver: str, prefix: str, ending: str, quantity: str) -> xr.Dataset:
     read = {}
     for dipole in DIPOLES:
         suffix = f"{receiver}_auto_averages_{dipole}"
-        variable = f"{prefix}_rfs_{suffix}{ending}"
-        if cdf.has_records(variable):
+        variable = cdf.first_with_data(f"{prefix}_rfs_{suffix}{ending}")
+        if variable:
             read[dipole[4:]] = _part(cdf, f"epoch_{suffix}", f"frequency_{suffix}", variable)
     if not read:
         raise InputError(f"{cdf.name}: neither dipole has auto_averages; the receiver was in another mode")
-    time, frequency_mhz, power = _summed(list(read.values()), cdf.name)
-    spectrum = assemble(Origin(OBSERVATORY, receiver.upper(), quantity, cdf.name), time, frequency_mhz, power)
-    return spectrum.assign_attrs(dipoles="+".join(read))
+    parts = list(read.values())
+    whole = parts[0] if len(parts) == 1 else _union(*parts)
+    if whole is None:
+        most = max(read, key=lambda name: np.count_nonzero(np.isfinite(read[name].power)))
+        read, whole = {most: read[most]}, read[most]
+    origin = Origin(OBSERVATORY, receiver.upper(), quantity, cdf.name)
+    return assemble(origin, whole.time, whole.frequency_mhz, whole.power).assign_attrs(dipoles="+".join(read))
 
 
 def _part(cdf: CdfFile, epoch: str, frequency: str, variable: str) -> Part:
-    stated_mhz = cdf.frequency_mhz(frequency, "Hz")
-    frequency_mhz, values = shared_channels(stated_mhz, cdf.numbers(variable, 2), cdf.name)
-    time = cdf.utc(epoch)
-    if values.shape != (time.size, frequency_mhz.size):
-        raise InputError(f"{cdf.name}: {variable} has the shape {values.shape}, not {(time.size, frequency_mhz.size)}")
-    values[values <= 0.0] = np.nan
-    return time, frequency_mhz, values
+    power, time = cdf.numbers(variable, 2), cdf.utc(cdf.first_with_data(epoch) or epoch_of(cdf, variable))
+    power[power <= 0.0] = np.nan
+    flagged = Beside(cdf, power.shape).flagged()
+    if flagged is not None:
+        power[flagged] = np.nan
+    frequency_mhz, power = shared_channels(cdf.frequency_mhz(frequency, "Hz"), power, cdf.name)
+    if power.shape != (time.size, frequency_mhz.size):
+        raise InputError(f"{cdf.name}: {variable} has the shape {power.shape}, not {(time.size, frequency_mhz.size)}")
+    order = np.argsort(time, kind="stable")  # what has no time comes last
+    order = order[: np.count_nonzero(~np.isnat(time))]
+    return Part(time[order], frequency_mhz, power[order])
 
 
-def _summed(parts: list[Part], source: str) -> Part:
-    if len(parts) == 1:
-        return parts[0]
-    (time, frequency_mhz, power), (other_time, other_frequency_mhz, other) = parts
-    if not np.array_equal(frequency_mhz, other_frequency_mhz):
-        raise InputError(f"{source}: the dipoles were read at different frequencies")
-    if np.array_equal(time, other_time):
-        power += other
-        return time, frequency_mhz, power
-    both, mine, its = np.intersect1d(time, other_time, return_indices=True)
-    return both, frequency_mhz, power[mine] + other[its]
+def _union(first: Part, second: Part) -> Part | None:
+    """Records of both dipoles: their sum where both were read, twice the one else; None where the channels differ.
+
+    A record joins the nearest one of the other dipole within `SAME_RECORD` of the time between records.
+    """
+    if first.frequency_mhz.size != second.frequency_mhz.size or not np.allclose(
+        first.frequency_mhz, second.frequency_mhz, rtol=SAME_CHANNEL, atol=0.0
+    ):
+        return None
+    if first.time.size < second.time.size:
+        first, second = second, first
+    partner = nearest_records(first.time, second.time, SAME_RECORD * min(cadence_s(first.time), cadence_s(second.time)))
+    alone = partner < 0
+    other = np.full(first.power.shape, np.nan, dtype=first.power.dtype)
+    other[partner[~alone]] = second.power[~alone]
+    mine = np.concatenate([first.power, np.full((int(alone.sum()), other.shape[1]), np.nan, dtype=other.dtype)])
+    its = np.concatenate([other, second.power[alone]])
+    lacks_mine, lacks_its = (~np.isfinite(one).any(axis=1, keepdims=True) for one in (mine, its))
+    total = np.where(lacks_its, 2.0 * mine, np.where(lacks_mine, 2.0 * its, mine + its))
+    return Part(np.concatenate([first.time, second.time[alone]]), first.frequency_mhz, total)

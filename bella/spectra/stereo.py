@@ -1,5 +1,6 @@
-"""STEREO/WAVES CDFs: 1-minute averages of both spacecraft (level 2), and native cadence with directions (L3)."""
+"""STEREO/WAVES: 1-minute averages of both spacecraft (level 2, text), and native cadence with directions (L3)."""
 
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -7,11 +8,11 @@ import numpy.typing as npt
 import xarray as xr
 
 from bella.exceptions import InputError
-from bella.spectra.assembly import Origin, assemble, cadence_s
+from bella.spectra.assembly import Origin, assemble, date_of, mean_time_sd_s
+from bella.spectra.beside import Beside, epoch_of, longest_dwell_s, read_records
+from bella.spectra.bounded import reading
 from bella.spectra.cdf import CdfFile
 from bella.spectra.combination import combine_receivers
-from bella.spectra.given_positions import read_positions
-from bella.spectra.sweeps import mean_time_sd_s
 
 SPACECRAFT = {"ahead": "STEREO-A", "behind": "STEREO-B"}
 BY_LETTER = {"a": "STEREO-A", "b": "STEREO-B"}
@@ -27,7 +28,10 @@ MINUTE_AVERAGES_S = 30.0
 """What a minute averages over, as far as edges are concerned, s: between one sweep, which is a snapshot in a channel,
 and two, 38 s apart. Edges of simulated minutes are least biased so; taken for means of a minute they are late."""
 
-POSITIONS = ("SC_POS_HEE", "SC_POS_HEEQ", "SC_POS_HCI")
+LARGEST_TEXT = 64 << 20
+MINUTE_WIDTH, VALUE_WIDTH = 4, 8
+LOWEST_DB = -2.0
+"""Nothing measured lies so far below the background: on a whole real day the lowest is -1.1 dB."""
 
 
 def read_level2(cdf: CdfFile, receiver: str = "") -> tuple[xr.Dataset, ...]:
@@ -55,7 +59,7 @@ def read_level2(cdf: CdfFile, receiver: str = "") -> tuple[xr.Dataset, ...]:
         If the file is not of this product, or holds no data at all.
     """
     del receiver
-    time, frequency_mhz = cdf.utc("Epoch"), cdf.frequency_mhz("frequency", "kHz")
+    time, frequency_mhz = cdf.utc(epoch_of(cdf)), cdf.frequency_mhz("frequency", "kHz")
     spectra = tuple(
         _level2_spacecraft(cdf, name, time, frequency_mhz)
         for name in SPACECRAFT
@@ -105,11 +109,17 @@ def by_minute(spectrum: xr.Dataset) -> xr.Dataset:
 
 
 def _over_background(cdf: CdfFile, name: str) -> npt.NDArray[Any]:
-    decibel, background = cdf.numbers(f"avg_intens_{name}", 2), cdf.numbers(f"background_{name}", 2)
-    if decibel.shape != background.shape:
-        raise InputError(f"{cdf.name}: background_{name} has another shape than avg_intens_{name}")
-    background += decibel
-    decibel[background == 0.0] = np.nan
+    decibel = cdf.numbers(f"avg_intens_{name}", 2)
+    beside = Beside(cdf, decibel.shape)
+    background = beside.matrix(f"background_{name}") if cdf.has_records(f"background_{name}") else None
+    if background is None:
+        decibel[decibel < LOWEST_DB] = np.nan
+    else:
+        background += decibel
+        decibel[background == 0.0] = np.nan
+    flagged = beside.flagged()
+    if flagged is not None:
+        decibel[flagged] = np.nan
     return decibel
 
 
@@ -118,7 +128,7 @@ def read_l3(cdf: CdfFile, receiver: str) -> tuple[xr.Dataset, ...]:
 
     Not yet run on an archive file: written to the published description of the product. The background is subtracted
     already, so that flux may be negative where there is none. The unit of frequency is read from the file, as manual
-    and files do not agree on it. The HFR steps through its channels (Bougeret et al. 2008, Space Sci. Rev. 136, 487,
+    and files do not agree on it. Where the file has TIMING, every sample has its own time. The HFR steps through its channels (Bougeret et al. 2008, Space Sci. Rev. 136, 487,
     doi:10.1007/s11214-007-9298-8), so that a sample takes no longer than the sweep over their number.
 
     Parameters
@@ -131,8 +141,8 @@ def read_l3(cdf: CdfFile, receiver: str) -> tuple[xr.Dataset, ...]:
     Returns
     -------
     tuple of xarray.Dataset
-        One dynamic spectrum, quantity ``flux_w_m2_hz``, with wave angles (time, frequency) and
-        ``position_km`` where the file has them.
+        One dynamic spectrum, quantity ``flux_w_m2_hz``, with wave angles (time, frequency) and what
+        :func:`bella.spectra.beside.read_records` finds.
 
     Raises
     ------
@@ -140,11 +150,68 @@ def read_l3(cdf: CdfFile, receiver: str) -> tuple[xr.Dataset, ...]:
         If the file is not of this product.
     """
     letter, band = receiver.split("_")
-    extra = {name: cdf.numbers(variable, 2) for name, variable in DIRECTIONS.items() if cdf.has_records(variable)}
     flux, frequency_mhz = cdf.numbers("PSD_FLUX", 2), cdf.frequency_mhz("FREQUENCY", "Hz")
-    if frequency_mhz.ndim == 2:
-        frequency_mhz = frequency_mhz[0]
-    time = cdf.utc("Epoch")
-    longest_s = cadence_s(time) / frequency_mhz.size if band == "hfr" else np.inf
+    time = cdf.utc(epoch_of(cdf, "PSD_FLUX"))
+    longest_s = longest_dwell_s(time, frequency_mhz.shape[-1]) if band == "hfr" else np.inf
     origin = Origin(BY_LETTER[letter], band.upper(), "flux_w_m2_hz", cdf.name, longest_s)
-    return (read_positions(cdf, assemble(origin, time, frequency_mhz, flux, extra), time, POSITIONS),)
+    directions = {name: stored for name, stored in DIRECTIONS.items() if cdf.has_records(stored)}
+    return (read_records(cdf, origin, "PSD_FLUX", time, frequency_mhz, flux, extra=directions),)
+
+
+def read_text(path: Path, receiver: str) -> tuple[xr.Dataset, ...]:
+    """LFR or HFR of one spacecraft at 1 minute, dB over background.
+
+    Not yet run on an archive file: written to the published description of the product. The file labels minutes by
+    their start: half a minute is added, so that times are those of the CDF of the same data. Columns are of fixed width
+    and may touch. A minute without data is minus the background, or far below zero.
+
+    Parameters
+    ----------
+    path : pathlib.Path
+        The file; its name states the day.
+    receiver : str
+        Letter of the spacecraft and receiver, such as "a_hfr".
+
+    Returns
+    -------
+    tuple of xarray.Dataset
+        One dynamic spectrum, quantity ``db_over_background``.
+
+    Raises
+    ------
+    InputError
+        If the file is damaged, of another product, or has no date in its name.
+    """
+    letter, band = receiver.split("_")
+    midnight = date_of(path.name)
+    with reading(str(path), "a table of STEREO/WAVES averages"):
+        if path.stat().st_size > LARGEST_TEXT:
+            raise InputError(f"{path.name} is too large for one day of this product")
+        first, second, *lines = path.read_text(encoding="ascii").splitlines()
+        frequency_mhz = np.array(first.split(), dtype=np.float64) * 1e-3
+        background = np.array(second.split(), dtype=np.float64)
+        if background.size != frequency_mhz.size:
+            raise ValueError(f"{frequency_mhz.size} frequencies, but {background.size} backgrounds")
+        minute, decibel = _columns([line for line in lines if line.strip()], frequency_mhz.size)
+    decibel[(np.abs(decibel + background) < 0.002) | (decibel < LOWEST_DB)] = np.nan
+    time = midnight + (minute * 60 + 30) * np.timedelta64(10**9, "ns")
+    origin = Origin(BY_LETTER[letter], band.upper(), "db_over_background", path.name)
+    return (by_minute(assemble(origin, time, frequency_mhz, decibel)),)
+
+
+def _columns(lines: list[str], channels: int) -> tuple[np.ndarray, np.ndarray]:
+    """Minutes, shape (records,), and values, shape (records, channels)."""
+    if not lines:
+        raise ValueError("it has no lines of values")
+    width = MINUTE_WIDTH + channels * VALUE_WIDTH
+    short = next(
+        (line for line in lines if len(line.rstrip()) > width or len(line.rstrip()) <= width - VALUE_WIDTH), ""
+    )
+    if short:
+        raise ValueError(f"a line of {len(short)} characters for {channels} channels, not {width}")
+    minute = np.array([int(line[:MINUTE_WIDTH]) for line in lines])
+    if ((minute < 0) | (minute >= 1440)).any():
+        raise ValueError("a minute outside the day")
+    starts = range(MINUTE_WIDTH, width, VALUE_WIDTH)
+    values = [[line[start : start + VALUE_WIDTH] for start in starts] for line in lines]
+    return minute, np.array(values, dtype=np.float64)

@@ -13,7 +13,7 @@ from bella.records import Interval, JointTrack, Moment, NoiseOfEdges, Parameter,
 from bella.tracks.directions import DirectionTerms
 from bella.tracks.likelihood import Likelihood, evidence_of
 from bella.tracks.model import WIND_KM_S, Track, TrackModel
-from bella.tracks.posterior import STARTS, Draws, Nodes, Starts, around_the_circle, cells, reweighted, sample
+from bella.tracks.posterior import STARTS, Draws, Nodes, Starts, around_the_circle, cells, propagated, reweighted
 from bella.tracks.quality import (
     COMPONENTS,
     EDGES_DIFFER,
@@ -41,6 +41,9 @@ PROFILE = 12
 UNIFORM_WIDTH_DEG = 0.68 * 360.0
 NOT_NARROWER = 0.95
 """An interval over that of the prior from which it is not narrower, given how well draws know its ends."""
+
+JOINED_DEG = 2.0
+"""Parts of a region with a smaller gap are one: nobody sees two tracks so close."""
 
 LEAST_ORDERLY = 0.01
 """Share of the draws whose distance and time of emission fall with frequency throughout, below which order is not asked
@@ -139,7 +142,7 @@ def fit_track(
     quality = quality_of(likelihood, nodes, grid)
     likelihood, nodes, added = with_shape(likelihood, nodes, quality, stated=has_shape(grid))
     quality = replace(quality, added=added, dropped=dropped)
-    return _fitted(likelihood, nodes, quality, grid, draws, np.random.default_rng(seed))
+    return _fitted(likelihood, nodes, quality, grid, STARTS, draws, np.random.default_rng(seed))
 
 
 def refit(  # noqa: PLR0913
@@ -171,7 +174,7 @@ def refit(  # noqa: PLR0913
     likelihood = replace(likelihood, seen=fit.likelihood.seen)
     nodes = around_the_circle(likelihood, starts)
     quality = quality_of(likelihood, nodes, grid)
-    return _fitted(likelihood, nodes, quality, grid, draws, np.random.default_rng(seed))
+    return _fitted(likelihood, nodes, quality, grid, starts, draws, np.random.default_rng(seed))
 
 
 def _fitted(  # noqa: PLR0913, PLR0917
@@ -179,18 +182,20 @@ def _fitted(  # noqa: PLR0913, PLR0917
     nodes: Nodes,
     quality: Quality,
     grid: ArrivalGrid,
+    starts: Starts,
     draws: int,
     rng: np.random.Generator,
 ) -> TrackFit:
-    drawn = sample(likelihood, nodes, draws, rng)
+    nodes, drawn = propagated(likelihood, nodes, starts, draws, rng)
     effective = drawn.effective
     if effective < MIN_EFFECTIVE:  # the Gaussians of Laplace are then the better answer, with a flag
         drawn = replace(drawn, weight=np.full(draws, 1 / draws))
     values, orderly = _natural(likelihood, drawn, rng)
-    if float(drawn.weight @ orderly) > LEAST_ORDERLY:
+    is_orderly = float(drawn.weight @ orderly) > LEAST_ORDERLY
+    if is_orderly:
         drawn = reweighted(drawn, orderly)
     summaries = _summaries(values, drawn.weight, likelihood.track)
-    flags = tuple(_flags(nodes, values, drawn.weight, summaries, quality, effective))
+    flags = tuple(_flags(nodes, values, drawn.weight, summaries, quality, effective, is_orderly))
     record = _record(likelihood, nodes, summaries, drawn.log_evidence, quality, grid, effective, flags)
     place = _equal(drawn.weight, rng)
     single = {name: value[place] for name, value in values.items() if value.ndim == 1}
@@ -264,6 +269,7 @@ def _flags(  # noqa: PLR0913, PLR0917
     summaries: dict[str, list[Parameter]],
     quality: Quality,
     effective: float,
+    is_orderly: bool,
 ) -> list[str]:
     low, high = BEAM_SPEEDS_C
     wind, phi0 = summaries["v_sw_km_s"][0], summaries["phi0_deg"][0]
@@ -279,7 +285,8 @@ def _flags(  # noqa: PLR0913, PLR0917
         "edges_differ": quality.added >= EDGES_DIFFER,
         "clock_offset": bool(quality.clocks),
         "two_spacecraft": quality.shared_band < SHARED_BAND,
-        "beam_speed_unlikely": any((one.q16 or 0.0) > high or (one.q84 or 0.0) < low for one in beams),
+        "beam_speed_unlikely": not is_orderly
+        or any((one.q16 or 0.0) > high or (one.q84 or 0.0) < low for one in beams),
         "arrivals_down_weighted": quality.dropped > 0,
         "poor_weights": effective < GOOD_EFFECTIVE,
     }
@@ -394,6 +401,8 @@ def region(nodes: Nodes, probability: float) -> tuple[Interval, ...]:
     order = np.argsort(-density)
     held = np.zeros(width.size, dtype=bool)
     held[order[: int(np.searchsorted(np.cumsum(share[order]), probability)) + 1]] = True
+    if not held.all():
+        held |= _gaps(held, np.degrees(width))
     if held.all():
         return (Interval(low=-180.0, high=180.0, probability=1.0),)
     first = int(np.flatnonzero(~held)[0])
@@ -410,6 +419,15 @@ def region(nodes: Nodes, probability: float) -> tuple[Interval, ...]:
         wrapped = float(within_half_turn_deg(low))
         parts.append(Interval(low=wrapped, high=high - low + wrapped, probability=float(share[some].sum())))
     return tuple(sorted(parts, key=lambda part: -part.probability))
+
+
+def _gaps(held: np.ndarray, width_deg: FloatArray) -> np.ndarray:
+    """Cells between parts of a region that are closer than `JOINED_DEG`."""
+    first = int(np.flatnonzero(held)[0])
+    turned, width = np.roll(held, -first), np.roll(width_deg, -first)
+    gap = np.cumsum(turned) - 1  # of the held cell before it
+    size = np.bincount(gap[~turned], width[~turned], minlength=int(gap[-1]) + 1)
+    return np.roll(~turned & (size[gap] < JOINED_DEG), first)
 
 
 def _equal(weight: FloatArray, rng: np.random.Generator) -> np.ndarray:

@@ -3,6 +3,10 @@
 At each longitude phi0 the other parameters are fitted by Gauss-Newton, and the integral over them is that of Laplace.
 So the posterior of the longitude is a table on the circle, and a second track comes out by itself. Draws from the table
 and its Gaussians are weighted by the exact density.
+
+The directional delay cannot be measured with a track, only propagated: the arrival times would seem to measure it, by
+what they miss of the smooth curves of the model. So the posterior is the mean of those for single delays, each with the
+weight that the delay has before the data.
 """
 
 from collections.abc import Sequence
@@ -36,6 +40,13 @@ SHARE = 0.35
 FINEST_RAD = np.radians(0.02)
 FIRST_ITERATIONS, ITERATIONS, SMALL = 8, 40, 1e-2
 LARGEST_STEP = 2.0
+KAPPA_NODES = (-1.47, -0.56, 0.0, 0.56, 1.47)
+"""Delays that are propagated, in standard deviations: middles of five parts of a Gaussian of equal probability, spread
+to a standard deviation of one."""
+
+LEAST_OF_A_DELAY = 10.0
+"""Effective draws of one delay below which its draws count alike: the Gaussians are then the better answer."""
+
 WIDER = 1.15
 """Draws are taken from Gaussians so much wider than those of Laplace, so that weights stay bounded in the wings."""
 
@@ -262,6 +273,65 @@ def sample(likelihood: Likelihood, nodes: Nodes, number: int, rng: np.random.Gen
     log_weight = np.where(np.isfinite(log_weight), log_weight, -np.inf)
     total = float(logsumexp(log_weight))
     return Draws(phi0, z, np.exp(log_weight - total), total - float(np.log(number)))
+
+
+def propagated(
+    likelihood: Likelihood, nodes: Nodes, starts: Starts, number: int, rng: np.random.Generator
+) -> tuple[Nodes, Draws]:
+    """Posterior with the directional delay as it is before the data.
+
+    Parameters
+    ----------
+    likelihood : Likelihood
+    nodes : Nodes
+        Of all delays together.
+    starts : sequence of (float, float)
+        As :func:`around_the_circle` takes them; the best of `nodes` is tried as well.
+    number : int
+        Of the draws.
+    rng : numpy.random.Generator
+
+    Returns
+    -------
+    tuple of Nodes, Draws
+        Of the nodes only longitude and evidence mean anything.
+    """
+    track = likelihood.track
+    delay, place = track.model.delay, track.winds
+    if not delay.kappa_sd > 0:
+        return nodes, sample(likelihood, nodes, number, rng)
+    best = nodes.z[int(nodes.log_evidence.argmax())]
+    tried = (starts[0], (float(best[place + 1]), float(best[0])))
+    each, drawn = [], []
+    for turn, one in enumerate(KAPPA_NODES):
+        fixed = replace(track.model, delay=replace(delay, kappa=delay.kappa + one * delay.kappa_sd, kappa_sd=0.0))
+        part = replace(likelihood, track=replace(track, model=fixed))
+        around = around_the_circle(part, tried)
+        share = (turn + 1) * number // len(KAPPA_NODES) - turn * number // len(KAPPA_NODES)
+        some = sample(part, around, share, rng)
+        if some.effective < LEAST_OF_A_DELAY:
+            some = replace(some, weight=np.full(share, 1 / share))
+        some.z[:, place] = one
+        each.append(around)
+        drawn.append(some)
+    draws = Draws(
+        np.concatenate([one.phi0_rad for one in drawn]),
+        np.concatenate([one.z for one in drawn]),
+        np.concatenate([one.weight for one in drawn]) / len(drawn),
+        float(logsumexp([one.log_evidence for one in drawn]) - np.log(len(drawn))),
+    )
+    return _mean_of(each), draws
+
+
+def _mean_of(each: Sequence[Nodes]) -> Nodes:
+    """Mean of several posteriors of the longitude, at all of their longitudes."""
+    phi0 = np.unique(np.concatenate([one.phi0_rad for one in each]))
+    log = []
+    for one in each:
+        total = logsumexp(one.log_evidence + np.log(cells(one.phi0_rad)))
+        log.append(np.interp(phi0, one.phi0_rad, one.log_evidence - total, period=2 * np.pi))
+    mean = logsumexp(log, axis=0)
+    return Nodes(phi0, np.zeros((phi0.size, 1)), np.asarray(mean), np.ones((phi0.size, 1, 1)))
 
 
 def _systematic(share: FloatArray, number: int, rng: np.random.Generator) -> np.ndarray:

@@ -177,7 +177,10 @@ def _plain_chi2(likelihood: Likelihood, nodes: Nodes, grid: ArrivalGrid) -> floa
         return 0.0
     assert grid.rise_s is not None  # noqa: S101 - the grid fills it in
     plain = Likelihood(
-        likelihood.track, evidence_of(replace(grid, shape_sd_s=np.minimum(grid.shape_sd_s, PLAIN_SHAPE * grid.rise_s)))
+        likelihood.track,
+        evidence_of(
+            replace(grid, shape_sd_s=np.minimum(grid.shape_sd_s, PLAIN_SHAPE * grid.rise_s), delay_sd_s=np.zeros(()))
+        ),
     )
     if plain.seen.size != likelihood.seen.size:
         keep = np.isin(plain.seen.arrival_s, likelihood.seen.arrival_s)

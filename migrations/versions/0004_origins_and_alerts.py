@@ -247,7 +247,6 @@ def make_outbox() -> None:
         utc("created_utc"),
         sa.Column("body", sa.JSON(), nullable=False),
         sa.PrimaryKeyConstraint("sequence", name=op.f("pk_alert")),
-        sa.ForeignKeyConstraint(["burst_id"], ["burst.burst_id"], name=op.f("fk_alert_burst_id_burst")),
     )
     op.create_index("ix_alert_burst_id_sequence", "alert", ["burst_id", "sequence"])
     op.create_table(

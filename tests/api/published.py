@@ -16,6 +16,7 @@ import uvicorn
 import xarray as xr
 
 from api.app import create_app
+from api.reason_phrases import PhrasedProtocol
 from bella.catalogue import Burst, Catalogue, Localisation, Publication, Series, Solution, SourceFile
 from bella.formats import localisation_records
 from bella.settings import Settings
@@ -107,7 +108,7 @@ def served(settings: Settings) -> Iterator[str]:
     """Address of a real server on the loopback."""
     with socket.socket() as listener:
         listener.bind(("127.0.0.1", 0))
-        config = uvicorn.Config(create_app(settings), log_level="warning", lifespan="off")
+        config = uvicorn.Config(create_app(settings), log_level="warning", lifespan="off", http=PhrasedProtocol)
         server = uvicorn.Server(config)
         thread = threading.Thread(target=server.run, kwargs={"sockets": [listener]}, daemon=True)
         thread.start()

@@ -17,7 +17,9 @@ def test_all_is_well(client: TestClient) -> None:
     reply = client.get("/health")
     assert reply.status_code == 200
     assert reply.json()["status"] == "ok"
-    assert set(reply.json()["checks"]) == {"database", "schema", "store"}
+    links = {"fetcher", "archive", "ephemeris", "worker", "disk"}
+    assert set(reply.json()["checks"]) == {"database", "schema", "store", *links}
+    assert set(client.get("/health/api").json()["checks"]) == {"database", "schema", "store"}
     assert reply.headers["cache-control"] == "no-store"
 
 

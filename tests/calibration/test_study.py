@@ -12,8 +12,7 @@ from bella.calibration import Comparison, Verdict, find_strata, judge, run_strat
 from bella.calibration.study import FEWEST_SOURCES, compare, recipe_of
 from bella.calibration.truths import Truths, arrival_grid, draw_truths
 from bella.exceptions import InputError
-from bella.multilateration.exact import exact_posterior
-from bella.multilateration.summary import Posterior
+from bella.multilateration.posterior import Posterior, exact_posterior
 
 WRONG_SOURCES = 200
 

@@ -35,20 +35,20 @@ def written_files(folder: Path) -> list[Path]:
             folder / "wi_l2_wav_rad1_20200711_v01.cdf", UTC, np.geomspace(20e3, 1e6, 32), ones[:, :32]
         ),
         archive_files.write_psp_l2(
-            folder / "psp_fld_l2_rfs_lfr_20200721_v03.cdf",
+            folder / "psp_fld_l2_rfs_lfr_20200711_v03.cdf",
             UTC,
             np.geomspace(1e4, 1e6, 64),
             {"ch0_V1V2": ones, "ch1_V3V4": ones},
         ),
         written.write_solo_l2_hfr(
-            folder / "solo_L2_rpw-hfr-surv_20210626_V01.cdf",
+            folder / "solo_L2_rpw-hfr-surv_20200711_V01.cdf",
             UTC,
             np.tile(np.linspace(425, 16e3, 20), 3),
             np.repeat([1, 2, 3], 20),
             ones[:, 0],
         ),
         archive_files.write_solo_l3(
-            folder / "solo_L3_rpw-hfr-surv-flux_20211009_V01.cdf",
+            folder / "solo_L3_rpw-hfr-surv-flux_20200711_V01.cdf",
             archive_files.Sweeps(UTC, ones),
             np.linspace(425, 16e3, 64),
             ones,

@@ -9,9 +9,9 @@ import xarray as xr
 from bella.arrivals import NUISANCE, POSITION, ArrivalGrid
 from bella.multilateration import localise
 from bella.multilateration.cells import TOLERANCE, divide
-from bella.multilateration.likelihood import GAUSSIAN, problems_of
-from bella.multilateration.moments import Moments, moments_of
+from bella.multilateration.posterior import Moments, moments_of
 from bella.multilateration.priors import PRESETS, Noise, Preset, Priors
+from bella.multilateration.problems import GAUSSIAN, problems_of
 from bella.multilateration.regions import Region, regions_of
 from bella.units import AU_RSUN, C_RSUN_S, R_SUN_KM
 

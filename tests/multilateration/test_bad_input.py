@@ -109,11 +109,11 @@ def test_missing_numbers_are_refused_with_row_and_column() -> None:
         localise(shared)
 
 
-def test_ten_thousand_rows_are_answered() -> None:
+def test_thousands_of_rows_are_answered() -> None:
     rng = np.random.default_rng(1)
-    sources = np.c_[rng.normal(0, 60, (2500, 2)), np.zeros(2500)]
-    grid = grid_of(sources, FOUR, 30.0, noise=rng.standard_normal((2500, 4)))
-    solved = localise(table_of(grid).head(10_000), draws=20)
+    sources = np.c_[rng.normal(0, 60, (800, 2)), np.zeros(800)]
+    grid = grid_of(sources, FOUR, 30.0, noise=rng.standard_normal((800, 4)))
+    solved = localise(table_of(grid).head(3_200), draws=20)
 
-    assert solved.sizes["frequency"] == 2500
+    assert solved.sizes["frequency"] == 800
     assert np.isfinite(solved["x_rsun"]).all()

@@ -6,9 +6,8 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from bella.multilateration.exact import exact_posterior
+from bella.multilateration.posterior import Posterior, Recipe, exact_posterior
 from bella.multilateration.priors import Preset, Priors
-from bella.multilateration.solution import Posterior, Recipe
 from tests.multilateration.geometry import CADENCE_S, EVENT, grid_of, inside, on_spiral
 
 SIMULATIONS, DRAWS, BINS = 200, 1000, 10

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from bella.multilateration import localise
-from bella.multilateration.clocks import SHIFT_S
+from bella.multilateration.checks import SHIFT_S
 from tests.multilateration.geometry import EVENT, FIVE, PLAIN, grid_of, on_spiral, table_of
 
 RANGES = np.linspace(15, 120, 12)

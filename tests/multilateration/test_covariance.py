@@ -10,12 +10,10 @@ from bella.exceptions import InputError
 from bella.heliosphere.scattering import DirectionalDelay
 from bella.multilateration import PRESETS, localise, uncertainty_map
 from bella.multilateration.cells import divide
-from bella.multilateration.draws import draw
-from bella.multilateration.flags import flags_of
-from bella.multilateration.likelihood import problems_of
-from bella.multilateration.moments import moments_of
-from bella.multilateration.predictive import predictive_check
+from bella.multilateration.checks import flags_of, predictive_check
+from bella.multilateration.posterior import draw, moments_of
 from bella.multilateration.priors import Preset, Priors
+from bella.multilateration.problems import problems_of
 from tests.multilateration.geometry import EVENT, FOUR, NARROW, PLAIN, WIDE, grid_of, on_spiral, polar, sd_of, table_of
 
 LIGHT_RSUN_S = 299_792.458 / 695_700.0
@@ -100,7 +98,7 @@ def test_agrees_with_a_sum_over_positions_speeds_and_delays(name) -> None:
     grid = grid_of(on_spiral(60), receivers, sigma, noise=NOISE[: len(receivers)])
     grid = replace(grid, rise_s=np.full((1, len(receivers)), 70.0) * np.array([1.0, 1.2, 0.8, 1.1])[: len(receivers)])
     grid = correlated(grid) if dense else grid
-    half_width, pitch = (110.0, 2.0) if priors.v_sd_c > 0.01 else (110.0, 0.8)
+    half_width, pitch = (110.0, 2.5) if priors.v_sd_c > 0.01 else (110.0, 0.8)
     mean, sd, evidence, kappa, emission = brute(grid, priors, delay, half_width, pitch)
     problems = problems_of(grid, priors, 2, delay=delay)
     cells = divide(problems)
@@ -116,7 +114,7 @@ def test_agrees_with_a_sum_over_positions_speeds_and_delays(name) -> None:
     margin = 4.5 / np.sqrt(0.85 * 8000)
     np.testing.assert_allclose((drawn.position[0].mean(axis=0) - mean) / sd, 0, atol=margin)
     np.testing.assert_allclose(drawn.position[0].std(axis=0) / sd, 1, atol=margin)
-    if kappa[1]:
+    if delay.kappa_sd:
         assert (drawn.kappa[0].mean() - kappa[0]) / kappa[1] == pytest.approx(0, abs=margin)
         assert drawn.kappa[0].std() / kappa[1] == pytest.approx(1, abs=margin)
     assert (drawn.emission_s[0].mean() - emission[0]) / emission[1] == pytest.approx(0, abs=margin)
@@ -248,6 +246,6 @@ def test_maps_take_correlated_errors(correlation) -> None:
     expected = np.linalg.inv(design.T @ np.linalg.inv(4.0 * matrix) @ design)[1:, 1:]
     there = solved.sel(x=40.0, y=-40.0)
 
-    assert float(there["sd_x_rsun"]) == pytest.approx(np.sqrt(expected[0, 0]), rel=0.01)
+    assert float(there["sd_x_rsun"]) == pytest.approx(np.sqrt(expected[0, 0]), rel=0.02)
     assert float(there["exact_sd_x_rsun"]) == pytest.approx(np.sqrt(expected[0, 0]), rel=0.02)
     assert float(there["cov_xy_rsun2"]) == pytest.approx(expected[0, 1], rel=0.02, abs=0.02)

@@ -5,9 +5,8 @@ import pytest
 from scipy import stats
 
 from bella.multilateration.cells import divide
-from bella.multilateration.draws import Draws, draw
-from bella.multilateration.likelihood import problems_of
-from bella.multilateration.moments import Moments, moments_of
+from bella.multilateration.posterior import Draws, Moments, draw, moments_of
+from bella.multilateration.problems import problems_of
 from tests.multilateration.geometry import CADENCE_S, EVENT, FIVE, NARROW, WIDE, grid_of, on_spiral, sd_of, spread
 
 NUMBER = 4000

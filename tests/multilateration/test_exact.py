@@ -7,9 +7,9 @@ import pytest
 
 from bella.exceptions import BellaError, ConvergenceError
 from bella.multilateration import cells as cells_module
-from bella.multilateration.exact import BATCH, exact_posterior
+from bella.multilateration.localise import solution_dataset
+from bella.multilateration.posterior import BATCH, Recipe, exact_posterior
 from bella.multilateration.priors import PRESETS, Preset
-from bella.multilateration.solution import Recipe, solution_dataset
 from tests.multilateration.geometry import (
     CADENCE_S,
     EVENT,
@@ -107,7 +107,7 @@ def test_every_frequency_is_reported_once() -> None:
 def test_groups_that_need_many_cells_are_divided_and_give_the_same(monkeypatch) -> None:
     grid = many(12)
     whole = posterior_of(grid)
-    monkeypatch.setattr(cells_module, "MAX_CELLS_TOGETHER", 8_000)
+    monkeypatch.setattr(cells_module, "MAX_CELLS_TOGETHER", 1_000)
     divided = posterior_of(grid)
 
     np.testing.assert_allclose(divided.moments.mean, whole.moments.mean, rtol=1e-12)
@@ -119,7 +119,7 @@ def test_too_sharp_a_posterior_is_an_error_that_names_its_frequency(monkeypatch)
     monkeypatch.setattr(cells_module, "MAX_CELLS", 2_000)
     monkeypatch.setattr(cells_module, "MAX_CELLS_TOGETHER", 2_000)
     grid = many(30)
-    grid.sigma_s[28] = 2.0
+    grid.sigma_s[28] = 2.0, 200.0, 2.0
 
     with pytest.raises(ConvergenceError, match=rf"^{grid.frequency_mhz[28]:g} MHz: .* larger sigma_s"):
         posterior_of(grid.take(np.arange(27, 30)))
@@ -165,7 +165,7 @@ def test_delays_beyond_light_time_are_flagged(sigma_s, priors) -> None:
             said = finite(late, priors)
         except ConvergenceError as error:
             said = str(error)
-        assert "arrivals_inconsistent" in said or (sigma_s == 0.1 and "no position explains the arrival times" in said)
+        assert "arrivals_inconsistent" in said or (sigma_s < 10 and "no position explains the arrival times" in said)
 
 
 @pytest.mark.parametrize("priors", [NARROW, WIDE], ids=["narrow", "wide"])

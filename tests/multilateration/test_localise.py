@@ -11,7 +11,7 @@ from bella.bursts import published_arrivals
 from bella.exceptions import InputError
 from bella.flags import LOCALISATION_FLAGS
 from bella.multilateration import METHODS, PRESETS, localise
-from bella.multilateration.flags import flags_of
+from bella.multilateration.checks import flags_of
 from bella.multilateration.priors import CADENCE_S
 from tests.multilateration.geometry import CADENCE_S as CADENCE_ROUNDED_S
 from tests.multilateration.geometry import EVENT, FIVE, PLAIN, first, grid_of, moments, on_spiral, table_of

@@ -8,10 +8,9 @@ import pytest
 
 from bella.multilateration import localise
 from bella.multilateration.cells import divide
-from bella.multilateration.draws import draw
-from bella.multilateration.likelihood import problems_of
-from bella.multilateration.moments import moments_of
+from bella.multilateration.posterior import draw, moments_of
 from bella.multilateration.priors import PRESETS, Noise, Priors
+from bella.multilateration.problems import problems_of
 from bella.multilateration.regions import log_density, regions_of
 from tests.multilateration import geometry
 from tests.multilateration.geometry import (

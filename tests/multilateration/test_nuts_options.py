@@ -39,7 +39,7 @@ CASES = {
 def test_sampled_and_exact_agree(name) -> None:
     grid, preset, dimensions = CASES[name]
     table = table_of(grid)
-    sampled = localise(table, preset=preset, method="nuts", dimensions=dimensions, draws=16_000, seed=3)
+    sampled = localise(table, preset=preset, method="nuts", dimensions=dimensions, draws=4_000, seed=3)
     exact = localise(table, preset=preset, dimensions=dimensions, draws=10)
 
     share = 0.03 + 4 / np.sqrt(float(sampled["draw_ess"].min()))  # sampling error of a standard deviation

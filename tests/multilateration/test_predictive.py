@@ -59,9 +59,9 @@ def test_receivers_that_are_missing_have_no_residual() -> None:
     grid = grid_of([on_spiral(60), on_spiral(60)], FIVE, 20.0)
     arrival = grid.arrival_s.copy()
     arrival[0, 4] = np.nan
-    from bella.multilateration.exact import exact_posterior
+    from bella.multilateration.localise import solution_dataset
+    from bella.multilateration.posterior import Recipe, exact_posterior
     from bella.multilateration.priors import PRESETS
-    from bella.multilateration.solution import Recipe, solution_dataset
 
     recipe = Recipe("posterior", PRESETS["default"], 2, 400, 0)
     gap = replace(grid, arrival_s=arrival)

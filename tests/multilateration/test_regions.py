@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from bella.multilateration.cells import divide
-from bella.multilateration.draws import draw
-from bella.multilateration.likelihood import problems_of
+from bella.multilateration.posterior import draw
+from bella.multilateration.problems import problems_of
 from bella.multilateration.regions import LEVELS, region_of_draws, regions_of
 from tests.multilateration.geometry import (
     CADENCE_S,

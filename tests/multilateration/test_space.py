@@ -5,10 +5,9 @@ import pytest
 
 from bella.exceptions import InputError
 from bella.multilateration.cells import divide
-from bella.multilateration.draws import draw
-from bella.multilateration.likelihood import problems_of
-from bella.multilateration.moments import moments_of
+from bella.multilateration.posterior import draw, moments_of
 from bella.multilateration.priors import Preset, Priors
+from bella.multilateration.problems import problems_of
 from bella.units import AU_RSUN, C_RSUN_S
 from tests.multilateration.geometry import CADENCE_S, EVENT, FIVE, NARROW, WIDE, first, grid_of, moments, regions, sd_of
 

@@ -14,11 +14,11 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
-from bella.archive import find_datasets, set_aside, versions
+from bella.archive import Received, find_datasets, received, set_aside, versions
 from bella.catalogue import Catalogue, Freshness
 from bella.cli import app
 from bella.exceptions import InputError
-from bella.pipeline.ingest import EPHEMERIS, bring_up_to_date, pause, source_times
+from bella.pipeline.ingest import EPHEMERIS, bring_up_to_date, pause
 from bella.settings import Settings
 from bella.spacecraft.ephemeris import read_nodes
 from bella.spacecraft.horizons import HORIZONS_IDS
@@ -97,8 +97,7 @@ def test_one_round_brings_spectra_winds_regions_and_positions(world: World) -> N
     assert min(until.values()) > np.datetime64("2027-11-27")
     assert set(until) >= {"STEREO-A"}
     assert done.new_days[-2:] == (date(2026, 11, 27), date(2026, 11, 28))
-    seen, fetched = source_times((world.settings.mirror_root / k0,))
-    assert seen == fetched == NOW
+    assert received([world.settings.mirror_root / k0]) == Received(NOW, NOW)
 
 
 def _table(world: World) -> Path:

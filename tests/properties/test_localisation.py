@@ -11,9 +11,9 @@ from hypothesis import strategies as st
 from bella.arrivals import NUISANCE, ArrivalGrid
 from bella.exceptions import ConvergenceError
 from bella.multilateration import localise
-from bella.multilateration.exact import exact_posterior
+from bella.multilateration.localise import solution_dataset
+from bella.multilateration.posterior import Recipe, exact_posterior
 from bella.multilateration.priors import Preset, Priors
-from bella.multilateration.solution import Recipe, solution_dataset
 from tests.multilateration.geometry import NARROW, WIDE, grid_of, moments, polar, sd_of, table_of
 
 LONGITUDES = st.lists(st.floats(-180, 180), min_size=3, max_size=5)

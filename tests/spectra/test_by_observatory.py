@@ -6,7 +6,7 @@ import xarray as xr
 
 from bella.exceptions import InputError
 from bella.spectra.assembly import Origin, assemble
-from bella.spectra.by_observatory import by_observatory
+from bella.spectra.combination import by_observatory
 
 START = np.datetime64("2020-07-21", "ns")
 LOW, HIGH = (0.1, 0.2, 0.4), (1.0, 2.0, 4.0)

@@ -18,7 +18,7 @@ from bella.exceptions import InputError
 from bella.simulation import archive_files
 from bella.spectra import open_spectra
 from bella.spectra.bounded import BoundedStream, inflate
-from bella.spectra.cf_files import check_hdf5
+from bella.spectra.user import check_hdf5
 from tests.fuzz.damage import attempt
 from tests.spectra import written
 

@@ -13,7 +13,7 @@ from bella.simulation.archive_days import write_spectra
 from bella.spacecraft import hee_to, position
 from bella.spectra import combine_receivers, given_position_hee, join_days, open_spectra
 from bella.spectra.assembly import Origin, assemble
-from bella.spectra.given_positions import EARTH_RADIUS_KM, positions_at, with_positions
+from bella.spectra.positions import EARTH_RADIUS_KM, positions_at, with_positions
 from bella.units import R_SUN_KM
 from tests.spectra import written
 

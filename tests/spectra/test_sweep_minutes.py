@@ -7,7 +7,7 @@ import pytest
 import xarray as xr
 
 from bella.spectra import combine_receivers, open_spectra, sample_times, validate_spectrum
-from bella.spectra.sweep_minutes import CHANNELS, SWEEP_S, snapshots, sweep_start_s, with_sweeps
+from bella.spectra.wind_minutes import SWEEP_CHANNELS, SWEEP_S, snapshots, sweep_start_s, with_sweeps
 from tests.spectra import real_day_2020
 
 MINUTES = 720
@@ -23,7 +23,7 @@ def minutes(scatter: np.ndarray) -> xr.Dataset:
         {"intensity": (("time", "frequency"), ratio.astype(np.float32))},
         coords={
             "time": np.datetime64("2020-07-21T00:00:30", "ns") + np.arange(MINUTES) * np.timedelta64(60, "s"),
-            "frequency": 1.075 + 0.05 * np.arange(CHANNELS),
+            "frequency": 1.075 + 0.05 * np.arange(SWEEP_CHANNELS),
         },
         attrs={
             "observatory": "WIND",
@@ -39,13 +39,13 @@ def minutes(scatter: np.ndarray) -> xr.Dataset:
 @pytest.fixture(scope="module")
 def swept() -> xr.Dataset:
     """Every sample a mean of three or four snapshots that scatter by 3 %."""
-    number = np.stack([snapshots(channel, START_S, MINUTES)[0] for channel in range(CHANNELS)], axis=1)
+    number = np.stack([snapshots(channel, START_S, MINUTES)[0] for channel in range(SWEEP_CHANNELS)], axis=1)
     return minutes(0.03 / np.sqrt(number))
 
 
 @pytest.fixture(scope="module")
 def unordered() -> xr.Dataset:
-    return minutes(np.full((MINUTES, CHANNELS), 0.016))
+    return minutes(np.full((MINUTES, SWEEP_CHANNELS), 0.016))
 
 
 def late_s(spectrum: xr.Dataset) -> np.ndarray:
@@ -58,7 +58,7 @@ def test_the_noise_tells_when_the_sweeps_began(swept: xr.Dataset) -> None:
 
 
 def test_samples_are_at_the_mean_time_of_their_snapshots(swept: xr.Dataset) -> None:
-    expected = np.stack([snapshots(one, START_S, MINUTES)[1] - MIDDLE_S for one in range(CHANNELS)], axis=1)
+    expected = np.stack([snapshots(one, START_S, MINUTES)[1] - MIDDLE_S for one in range(SWEEP_CHANNELS)], axis=1)
     off_s = np.abs(late_s(with_sweeps(swept)) - expected)
 
     # where a snapshot is on the border of a minute, it may be put on the wrong side of it
@@ -107,7 +107,7 @@ def test_channels_without_data_are_passed_over(swept: xr.Dataset) -> None:
 
 def test_the_two_real_days_begin_alike(reference_files: Path) -> None:
     _, in_2010, _ = open_spectra(reference_files / "semp/wi_h1_wav_20100117_v01.cdf")
-    in_2020 = real_day_2020.wind(reference_files).isel(frequency=slice(-CHANNELS, None))
+    in_2020 = real_day_2020.wind(reference_files).isel(frequency=slice(-SWEEP_CHANNELS, None))
 
     assert sweep_start_s(in_2010) == pytest.approx(7.4, abs=0.3)
     assert sweep_start_s(in_2020) == pytest.approx(7.5, abs=0.3)

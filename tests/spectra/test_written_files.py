@@ -206,7 +206,7 @@ def test_psp_l2_sums_the_dipoles(tmp_path: Path, band: str) -> None:
     utc = START + np.cumsum(RANDOM.choice([6990, 55_920], 150)).astype("timedelta64[ms]")
     frequency_hz, first, second = np.geomspace(10.5e3, 1.69e6, 64), values(150, 64, 1e-15), values(150, 64, 1e-15)
     first[3, 4] = np.nan
-    path = tmp_path / f"psp_fld_l2_rfs_{band}_20200721_v03.cdf"
+    path = tmp_path / f"psp_fld_l2_rfs_{band}_20200711_v03.cdf"
 
     spectrum = only(archive_files.write_psp_l2(path, utc, frequency_hz, {"ch0_V1V2": first, "ch1_V3V4": second}))
 
@@ -218,7 +218,7 @@ def test_psp_l2_sums_the_dipoles(tmp_path: Path, band: str) -> None:
 
 def test_psp_l2_with_one_dipole_says_so(tmp_path: Path) -> None:
     utc = START + np.arange(20) * 56 * SECOND
-    path = tmp_path / "psp_fld_l2_rfs_lfr_20200721_v03.cdf"
+    path = tmp_path / "psp_fld_l2_rfs_lfr_20200711_v03.cdf"
     archive_files.write_psp_l2(path, utc, np.geomspace(10.5e3, 1.69e6, 64), {"ch1_V3V4": values(20, 64, 1e-15)})
 
     assert only(path).attrs["dipoles"] == "V3V4"
@@ -227,7 +227,7 @@ def test_psp_l2_with_one_dipole_says_so(tmp_path: Path) -> None:
 def test_psp_l2_sums_only_what_was_read_at_the_same_time(tmp_path: Path) -> None:
     utc, first = START + np.arange(20) * 56 * SECOND, values(20, 64, 1e-15)
     frequency_hz = np.geomspace(10.5e3, 1.69e6, 64)
-    path = tmp_path / "psp_fld_l2_rfs_lfr_20200721_v03.cdf"
+    path = tmp_path / "psp_fld_l2_rfs_lfr_20200711_v03.cdf"
     second = np.full((20, 64), np.nan)
     second[::2] = 1e-15
     archive_files.write_psp_l2(path, utc, frequency_hz, {"ch0_V1V2": first, "ch1_V3V4": second})
@@ -256,7 +256,7 @@ def test_wind_l2_reads_lists_of_channels_that_change(tmp_path: Path) -> None:
 
 def test_psp_l3_reads_flux_on_the_axes_it_depends_on(tmp_path: Path) -> None:
     utc, flux = START + np.arange(90) * 7 * SECOND, values(90, 64, 1e-19)
-    path = tmp_path / "psp_fld_l3_rfs_hfr_20200721_v02.cdf"
+    path = tmp_path / "psp_fld_l3_rfs_hfr_20200711_v02.cdf"
 
     spectrum = only(written.write_psp_l3(path, utc, np.geomspace(1.275e6, 19.17e6, 64), flux))
 
@@ -271,7 +271,7 @@ def test_solo_l2_hfr_gives_every_sample_its_time(tmp_path: Path) -> None:
     utc = utc + np.repeat(np.arange(sweeps), 5) * 10 * SECOND
     sweep, density = np.repeat(np.arange(sweeps) % 7 + 65_530, 5), values(5 * sweeps, 1, 1e-14)[:, 0]
     density[8] = np.nan
-    path = tmp_path / "solo_L2_rpw-hfr-surv_20210626_V01.cdf"
+    path = tmp_path / "solo_L2_rpw-hfr-surv_20200711_V01.cdf"
 
     spectrum = only(written.write_solo_l2_hfr(path, utc, np.tile(khz, sweeps), sweep, density))
 
@@ -287,7 +287,7 @@ def test_solo_l2_tnr_makes_one_record_of_four_bands(tmp_path: Path) -> None:
     sweeps = 30
     utc = START + np.arange(4 * sweeps) * np.timedelta64(2500, "ms")
     density = values(4 * sweeps, 32, 1e-14)
-    path = tmp_path / "solo_L2_rpw-tnr-surv_20210626_V01.cdf"
+    path = tmp_path / "solo_L2_rpw-tnr-surv_20200711_V01.cdf"
     sweep, band = np.repeat(np.arange(sweeps), 4), np.tile(np.arange(4), sweeps)
 
     spectrum = only(written.write_solo_l2_tnr(path, utc, sweep, band, density))
@@ -302,7 +302,7 @@ def test_solo_l3_adds_the_offset_of_the_channel(tmp_path: Path) -> None:
     elapsed_s = np.broadcast_to(np.linspace(0.0, 16.0, 50)[::-1], flux.shape)
     interpolated = np.zeros(flux.shape, dtype=bool)
     interpolated[:, 7], interpolated[3, 9] = True, True
-    path = tmp_path / "solo_L3_rpw-hfr-surv-flux_20211009_V01.cdf"
+    path = tmp_path / "solo_L3_rpw-hfr-surv-flux_20200711_V01.cdf"
 
     spectrum = only(archive_files.write_solo_l3(path, archive_files.Sweeps(utc, elapsed_s), khz, flux, interpolated))
 
@@ -325,7 +325,7 @@ def test_solo_l3_adds_the_offset_of_the_channel(tmp_path: Path) -> None:
 )
 def test_the_documented_form_of_any_instrument_is_read(tmp_path: Path, store: Callable[..., object]) -> None:
     utc = START + np.arange(20) * 56 * SECOND
-    path = tmp_path / "psp_fld_l2_rfs_lfr_20200721_v03.cdf"
+    path = tmp_path / "psp_fld_l2_rfs_lfr_20200711_v03.cdf"
     archive_files.write_psp_l2(path, utc, np.geomspace(10.5e3, 1.69e6, 64), {"ch1_V3V4": values(20, 64, 1e-15)})
     spectrum = only(path).assign_attrs(observatory="JUICE")
     store(spectrum, tmp_path / "mine")
@@ -343,7 +343,7 @@ def test_the_documented_form_of_any_instrument_is_read(tmp_path: Path, store: Ca
         ("wi_h1_wav_20100117_v01.cdf", "Wind/WAVES H1", ""),
         ("WIN_RAD1_60S_20120607.B3E", "Wind/WAVES 60 s", "rad1"),
         ("solo_l3_rpw-tnr-surv-flux_20211009_v01.cdf", "Solar Orbiter RPW L3 flux", "tnr"),
-        ("solo_L3_rpw-hfr-flux_20211009_V01.cdf", "Solar Orbiter RPW L3 flux", "hfr"),
+        ("solo_L3_rpw-hfr-flux_20200711_V01.cdf", "Solar Orbiter RPW L3 flux", "hfr"),
         ("stb_l3_wav_lfr_20130101_v01.cdf", "STEREO/WAVES L3", "b_lfr"),
     ],
 )

@@ -1,0 +1,48 @@
+"""Observability: which receivers had data at a time, and how well they would have located a source."""
+
+from datetime import UTC, date, datetime
+from typing import Annotated
+
+from fastapi import APIRouter, Query
+from pydantic import Field
+
+from api.schemas import API, Reply
+from api.service import CatalogueHere
+from bella.catalogue import FleetMap, ObservedDay
+
+router = APIRouter(tags=["observability"])
+
+
+class ObservabilityReply(Reply):
+    """Receivers with data in the hour of a time, and how well they locate."""
+
+    utc: datetime
+    observatories: list[str] = Field(description="With data in at least half of the hour.")
+    localisable: bool = Field(description="Three or more: a source could have been located.")
+    distances_rsun: list[float]
+    longitudes_deg: list[float] = Field(description="HEE, west positive.")
+    map: FleetMap | None = Field(description="Null where fewer than three receivers had data.")
+
+
+@router.get(f"{API}/observability")
+def observability(
+    catalogue: CatalogueHere, time: Annotated[datetime, Query(description="UTC, such as 2021-11-20T14:30.")]
+) -> ObservabilityReply:
+    """Which receivers had data at a time, and the 68 % region of a source at 20, 50 and 100 solar radii."""
+    utc = time.replace(tzinfo=UTC) if time.tzinfo is None else time.astimezone(UTC)
+    observed = catalogue.operation.observed(utc.date())
+    here, found = observed.at(utc)
+    return ObservabilityReply(
+        utc=utc,
+        observatories=list(here),
+        localisable=found is not None,
+        distances_rsun=list(observed.distances_rsun),
+        longitudes_deg=list(observed.longitudes_deg),
+        map=found,
+    )
+
+
+@router.get(f"{API}/days/{{day}}/observability")
+def observability_of_day(day: date, catalogue: CatalogueHere) -> ObservedDay:
+    """The same for every hour of a day."""
+    return catalogue.operation.observed(day)

@@ -1,0 +1,57 @@
+"""Published tables over many bursts, and the arrival times behind one: every format of `bella.formats`."""
+
+from typing import Annotated
+
+from fastapi import APIRouter, Query, Request, Response
+
+from api.routers.bursts import pick
+from api.service import CatalogueHere, ServiceHere
+from api.tables import (
+    ArrivalChoice,
+    BurstTableFilter,
+    arrival_rows,
+    asked_format,
+    localisation_table,
+    table_of_rows,
+    table_reply,
+    track_table,
+)
+from bella.catalogue import BurstPage
+from bella.formats import ARRIVALS, FORMATS
+
+router = APIRouter(prefix="/api/v1", tags=["tables"])
+
+IN_ALL_FORMATS: dict[int | str, dict[str, object]] = {
+    200: {"content": {one.media_type: {} for one in FORMATS.values()}, "description": "The table."}
+}
+
+
+@router.get("/tracks", response_class=Response, responses=IN_ALL_FORMATS)
+def tracks(request: Request, catalogue: CatalogueHere, wanted: Annotated[BurstTableFilter, Query()]) -> Response:
+    """Parker spiral of each burst that a query finds, one row per burst: joint fit of its preferred solution."""
+    chosen, page = asked_format(request, wanted.format), catalogue.bursts(wanted.query())
+    return table_reply(chosen, track_table(catalogue, page.bursts), "tracks", following(request, page))
+
+
+@router.get("/localisations", response_class=Response, responses=IN_ALL_FORMATS)
+def localisations(request: Request, catalogue: CatalogueHere, wanted: Annotated[BurstTableFilter, Query()]) -> Response:
+    """Sources of the bursts that a query finds, one row per frequency: preferred solutions; the limit counts bursts."""
+    chosen, page = asked_format(request, wanted.format), catalogue.bursts(wanted.query())
+    preferred = [one.preferred for one in page.bursts if one.preferred]
+    return table_reply(chosen, localisation_table(catalogue, preferred), "localisations", following(request, page))
+
+
+@router.get("/bursts/{burst_id}/arrivals", response_class=Response, responses=IN_ALL_FORMATS)
+def arrivals(
+    request: Request, burst_id: str, service: ServiceHere, choice: Annotated[ArrivalChoice, Query()]
+) -> Response:
+    """Arrival times that one solution of a burst was made from, with errors and positions of receivers."""
+    chosen = asked_format(request, choice.format)
+    solution = pick(service.catalogue(), burst_id, choice)
+    rows = arrival_rows(solution, service.posterior(solution), choice.observatory)
+    return table_reply(chosen, table_of_rows(ARRIVALS, rows, burst=burst_id), f"{burst_id}_arrivals")
+
+
+def following(request: Request, page: BurstPage) -> str | None:
+    """Address of the page after this one; None on the last."""
+    return str(request.url.include_query_params(cursor=page.next_cursor)) if page.next_cursor else None

@@ -1,0 +1,113 @@
+"""The server process: uvicorn, with time limits on clients that send slowly. ``python -m api.serve --port 8000``."""
+
+import argparse
+import asyncio
+from collections.abc import Sequence
+from typing import Any
+
+import h11
+import uvicorn
+from fastapi import FastAPI
+
+from api.reason_phrases import PhrasedProtocol
+
+HEAD_S, BODY_S = 10.0, 30.0
+"""Longest time that a client may take to send the head of a request, and its body of at most a few MB."""
+KEEP_ALIVE_S = 5
+MOST_CONNECTIONS = 500
+"""Connections at a time; above, those that have been sending the head of a request for longest are closed."""
+LARGEST_HEAD_BYTES = 16_384
+
+
+class TimedProtocol(PhrasedProtocol):
+    """HTTP/1.1 that closes a connection whose client is too slow; uvicorn itself waits for ever."""
+
+    _patience: asyncio.TimerHandle | None = None
+    _waits_for = ""
+
+    def connection_made(self, transport: asyncio.Transport) -> None:  # type: ignore[override]
+        """Begin to wait for the head of a request."""
+        super().connection_made(transport)
+        self._watch()
+        if len(self.connections) > MOST_CONNECTIONS:
+            self._make_room()
+
+    def connection_lost(self, exc: Exception | None) -> None:
+        """Stop to wait."""
+        self._wait("", 0.0)
+        super().connection_lost(exc)
+
+    def data_received(self, data: bytes) -> None:
+        """Take what came; what is still missing of head or body has until the end of its time."""
+        super().data_received(data)
+        self._watch()
+
+    def on_response_complete(self) -> None:
+        """Let uvicorn wait for the next request: it closes a connection that is idle."""
+        super().on_response_complete()
+        self._watch()
+
+    def _watch(self) -> None:
+        cycle = self.cycle
+        if cycle is not None and not cycle.response_complete:
+            self._wait("body" if cycle.more_body else "", BODY_S)
+        elif self.conn.their_state is h11.IDLE and (cycle is None or self.conn.trailing_data[0]):
+            self._wait("head", HEAD_S)
+        else:
+            self._wait("", 0.0)
+
+    def _wait(self, what: str, seconds: float) -> None:
+        """Begin to wait for something, unless it is waited for already: data that dribble in win no time."""
+        if what == self._waits_for:
+            return
+        if self._patience is not None:
+            self._patience.cancel()
+        self._waits_for = what
+        self._patience = self.loop.call_later(seconds, self._close) if what else None
+
+    def _close(self) -> None:
+        if not self.transport.is_closing():
+            self.transport.abort()
+
+    def _make_room(self) -> None:
+        """Close the connection that has waited for the head of a request for longest."""
+        slow = [one for one in self.connections if isinstance(one, TimedProtocol) and one._waits_for == "head"]
+        if slow:
+            min(slow, key=lambda one: one._patience.when() if one._patience else 0.0)._close()
+
+
+def options() -> dict[str, Any]:
+    """Options of uvicorn that protect the service from its clients."""
+    return {
+        "http": TimedProtocol,
+        "timeout_keep_alive": KEEP_ALIVE_S,
+        "h11_max_incomplete_event_size": LARGEST_HEAD_BYTES,
+        "log_level": "warning",
+        "proxy_headers": True,
+    }
+
+
+def run(app: FastAPI | str, host: str, port: int) -> None:
+    """Serve an application until the process is told to end.
+
+    Parameters
+    ----------
+    app : FastAPI or str
+        The application, or where the function that makes it is.
+    host : str
+    port : int
+    """
+    uvicorn.run(app, host=host, port=port, factory=isinstance(app, str), **options())
+
+
+def main(arguments: Sequence[str] | None = None) -> None:
+    """Serve the application of the environment."""
+    parser = argparse.ArgumentParser(prog="python -m api.serve", description=__doc__)
+    parser.add_argument("--host", default="127.0.0.1")
+    parser.add_argument("--port", type=int, default=8000)
+    given = parser.parse_args(arguments)
+    run("api.app:create_app", given.host, given.port)
+
+
+if __name__ == "__main__":
+    main()

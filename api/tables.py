@@ -1,0 +1,260 @@
+"""What the catalogue holds as published tables, and replies in the format that is asked for."""
+
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import asdict
+from typing import Any
+
+import numpy as np
+import xarray as xr
+from fastapi import Request, Response
+from pydantic import Field
+
+from api.errors import NotAcceptableError
+from api.queries import BurstFilter, DetectionFilter, SolutionChoice
+from api.wording import APPARENT_SOURCE
+from bella.answer import read_track
+from bella.catalogue import BurstQuery, BurstSummary, Catalogue, Detection, Solution
+from bella.exceptions import InputError
+from bella.formats import (
+    BURSTS,
+    DETECTIONS,
+    FORMATS,
+    LOCALISATIONS,
+    TRACKS,
+    Format,
+    RecordTable,
+    Schema,
+    find_format,
+    record_table,
+)
+from bella.records import JointTrack, Parameter
+
+Row = dict[str, object]
+
+FORMAT = Field(None, description=f"{', '.join(FORMATS)}; without it, as the Accept header says.")
+JSON = FORMATS["json"]
+FRAME = {"frame": "HEE, solar radii; times UTC", "remark": APPARENT_SOURCE}
+PAGE = 1000
+
+
+class BurstTableFilter(BurstFilter):
+    """Which bursts are asked for, and in which format."""
+
+    format: str | None = FORMAT
+
+
+class DetectionTableFilter(DetectionFilter):
+    """Which detections are asked for, and in which format."""
+
+    format: str | None = FORMAT
+
+
+class TableChoice(SolutionChoice):
+    """Which solution, in which format."""
+
+    format: str | None = FORMAT
+
+
+class ArrivalChoice(TableChoice):
+    """Which solution, of which spacecraft, in which format."""
+
+    observatory: str | None = Field(None, description="Spacecraft; without it, all.")
+
+
+def asked_format(request: Request, asked: str | None) -> Format:
+    """Format of a reply: by name where one is given, otherwise the best of the Accept header.
+
+    Parameters
+    ----------
+    request : Request
+    asked : str or None
+
+    Returns
+    -------
+    Format
+
+    Raises
+    ------
+    InputError
+        If the name is not known.
+    NotAcceptableError
+        If the header allows none of the formats.
+    """
+    if asked:
+        return find_format(asked.strip().lower())
+    accept = request.headers.get("accept", "")
+    by_type = {one.media_type: one for one in FORMATS.values()}
+    wanted = sorted(_accepted(accept), key=lambda part: -part[1])
+    for media_type, quality in wanted:
+        if quality > 0 and media_type in {"*/*", "application/*", "text/html"}:
+            return JSON
+        if quality > 0 and media_type in by_type:
+            return by_type[media_type]
+    if not wanted:
+        return JSON
+    raise NotAcceptableError(f"this address has {', '.join(by_type)}: accept one of them, or add format=csv or another")
+
+
+def _accepted(header: str) -> Iterator[tuple[str, float]]:
+    """Media types of an Accept header with their quality."""
+    for part in filter(None, (part.strip() for part in header.lower().split(","))):
+        media_type, *parameters = (one.strip() for one in part.split(";"))
+        given = [one.removeprefix("q=") for one in parameters if one.startswith("q=")]
+        try:
+            yield media_type, float(given[0]) if given else 1.0
+        except ValueError:
+            yield media_type, 0.0
+
+
+def table_reply(chosen: Format, table: RecordTable, name: str, following: str | None = None) -> Response:
+    """Reply that holds a table as a file.
+
+    Parameters
+    ----------
+    chosen : Format
+    table : RecordTable
+    name : str
+        Of the file, without its ending.
+    following : str, optional
+        Address of the next page; the header of the table and a Link header say it.
+    """
+    headers = {"Content-Disposition": f'attachment; filename="{name}{chosen.suffix}"', "Vary": "Accept"}
+    if following:
+        headers["Link"] = f'<{following}>; rel="next"'
+        table = RecordTable(table.schema, table.data, {**table.header, "truncated": "yes", "next": following})
+    return Response(chosen.write(table), media_type=chosen.media_type, headers=headers)
+
+
+def table_of_rows(schema: Schema, rows: Iterable[Mapping[str, object]], **header: str) -> RecordTable:
+    """Table with the frame and the remark about apparent sources in its header."""
+    return record_table(schema, rows, {**FRAME, **header})
+
+
+def burst_table(summaries: Iterable[BurstSummary]) -> RecordTable:
+    """Table of bursts, each with what its preferred solution says."""
+    return table_of_rows(BURSTS, map(_burst_row, summaries))
+
+
+def detection_table(found: Iterable[Detection]) -> RecordTable:
+    """Table of detections."""
+    return table_of_rows(DETECTIONS, map(asdict, found))
+
+
+def track_table(catalogue: Catalogue, summaries: Iterable[BurstSummary]) -> RecordTable:
+    """Table of the joint tracks of the preferred solutions of bursts; bursts without a track are left out."""
+    return table_of_rows(TRACKS, (row for one in summaries for row in _track_rows(catalogue, one)))
+
+
+def localisation_table(catalogue: Catalogue, solutions: Iterable[Solution]) -> RecordTable:
+    """Table of the sources of solutions at each frequency."""
+    return table_of_rows(
+        LOCALISATIONS,
+        (
+            {**asdict(row), **_series(solution), "burst_id": solution.burst_id}
+            for solution in solutions
+            for row in catalogue.localisations(solution.solution_id)
+        ),
+    )
+
+
+def arrival_rows(solution: Solution, posterior: xr.Dataset, observatory: str | None = None) -> list[Row]:
+    """Arrival times that a solution was made from, by spacecraft and ascending frequency.
+
+    Raises
+    ------
+    InputError
+        If the spacecraft has none; the message lists those that have.
+    """
+    names = [str(name) for name in posterior["observatory"].to_numpy()]
+    if observatory is not None and observatory not in names:
+        raise InputError(
+            f"observatory: {observatory[:40]!r} has no arrival time here; those that have: {', '.join(names)}"
+        )
+    reference = np.datetime64(str(posterior.attrs["reference_time"]).removesuffix("Z"), "us")
+    times = reference + np.rint(posterior["arrival_s"].to_numpy() * 1e6).astype("timedelta64[us]")
+    numbers = {
+        name: posterior[name].to_numpy()
+        for name in ("sigma_s", "shape_sd_s", "offset_sd_s", "delay_s", "delay_sd_s", "rise_s")
+        if name in posterior
+    }
+    receiver = posterior["receiver_rsun"].to_numpy()
+    rows: list[Row] = []
+    for column, name in enumerate(names):
+        heard = np.flatnonzero(np.isfinite(posterior["arrival_s"].to_numpy()[:, column]))
+        rows += [
+            {
+                **{key: float(values[row, column]) for key, values in numbers.items()},
+                **dict(zip(("x_rsun", "y_rsun", "z_rsun"), receiver[row, column].tolist(), strict=True)),
+                "burst_id": solution.burst_id,
+                "solution_id": solution.solution_id,
+                "edge": solution.series.edge,
+                "observatory": name,
+                "frequency_mhz": float(posterior["frequency"][row]),
+                "arrival_utc": times[row, column],
+            }
+            for row in heard
+            if observatory in {None, name}
+        ]
+    return rows
+
+
+def all_bursts(catalogue: Catalogue, query: BurstQuery) -> Iterator[BurstSummary]:
+    """Bursts of all pages of a query."""
+    while True:
+        page = catalogue.bursts(query)
+        yield from page.bursts
+        if page.next_cursor is None:
+            return
+        query = BurstQuery(**{**vars(query), "cursor": page.next_cursor})
+
+
+def _burst_row(summary: BurstSummary) -> Row:
+    burst, preferred = summary.burst, summary.preferred
+    row: Row = {**asdict(burst), "observatories": " ".join(burst.observatories), "version": 0}
+    if preferred is None:
+        return row
+    said = preferred.answer.model_dump()
+    more = {"version": preferred.version, "created_utc": preferred.created_utc, "code_version": preferred.code_version}
+    return {**row, **said, **_series(preferred), **more, "flags": ";".join(preferred.flags)}
+
+
+def _series(solution: Solution) -> Row:
+    return {**asdict(solution.series), "solution_id": solution.solution_id}
+
+
+def _track_rows(catalogue: Catalogue, summary: BurstSummary) -> Iterator[Row]:
+    preferred = summary.preferred
+    track = read_track(catalogue.track_fit(preferred.solution_id)) if preferred else None
+    if preferred is None or track is None:
+        return
+    joint, answer = track.joint, preferred.answer
+    yield {
+        "burst_id": summary.burst.burst_id,
+        "start_utc": summary.burst.start_utc,
+        "grade": answer.grade,
+        "tier": answer.tier,
+        **_numbers(joint),
+        **_series(preferred),
+    }
+
+
+def _numbers(joint: JointTrack) -> dict[str, Any]:
+    parameters = {
+        "phi0": (joint.phi0_deg, "_deg"),
+        "v_sw": (joint.v_sw_km_s, "_km_s"),
+        "beam_speed": (joint.beam_speed_c, ""),
+    }
+    row: dict[str, Any] = {}
+    for name, (value, unit) in parameters.items():
+        row |= _median_and_ends(name, unit, value) | {f"{name}_contraction": value.contraction}
+    return row | {
+        "release_utc": joint.release_utc.q50,
+        "release_sd_s": joint.release_utc.sd,
+        "misfit_p": joint.misfit_p,
+        "rotation_period_d": joint.rotation_period_d,
+        "flags": ";".join(joint.flags),
+    }
+
+
+def _median_and_ends(name: str, unit: str, value: Parameter) -> dict[str, float | None]:
+    return {f"{name}{unit}": value.q50, f"{name}_low{unit}": value.q16, f"{name}_high{unit}": value.q84}

@@ -1,0 +1,240 @@
+"""What the published tables hold: the name, kind, unit, UCD and meaning of every column, declared once.
+
+All formats take their columns from here. Units are written as astropy and VOUnits read them, UCDs are words of UCD1+
+(IVOA, doi:10.5479/ADS/bib/2018ivoa.spec.0527M). Positions are HEE, in solar radii; times are UTC.
+"""
+
+from dataclasses import dataclass
+from typing import Literal
+
+Kind = Literal["time", "float", "int", "bool", "text"]
+
+
+@dataclass(frozen=True)
+class Column:
+    """One column of a published table.
+
+    Attributes
+    ----------
+    name : str
+        Carries the unit, as everywhere.
+    kind : {"time", "float", "int", "bool", "text"}
+        A time or a float may be unknown (NaT, NaN); a text that is unknown is empty.
+    unit : str
+        Empty for what has no unit.
+    ucd : str
+    description : str
+    """
+
+    name: str
+    kind: Kind
+    unit: str
+    ucd: str
+    description: str
+
+
+@dataclass(frozen=True)
+class Schema:
+    """Columns of one published table, in order.
+
+    Attributes
+    ----------
+    name : str
+    title : str
+    time : str
+        Column that orders the rows in time.
+    columns : tuple of Column
+    """
+
+    name: str
+    title: str
+    time: str
+    columns: tuple[Column, ...]
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of the columns in order."""
+        return tuple(column.name for column in self.columns)
+
+    def without(self, *names: str) -> "Schema":
+        """The same table with fewer columns."""
+        return Schema(self.name, self.title, self.time, tuple(one for one in self.columns if one.name not in names))
+
+
+def _text(name: str, ucd: str, description: str) -> Column:
+    return Column(name, "text", "", ucd, description)
+
+
+def _time(name: str, ucd: str, description: str) -> Column:
+    return Column(name, "time", "", ucd, description)
+
+
+def _float(name: str, unit: str, ucd: str, description: str) -> Column:
+    return Column(name, "float", unit, ucd, description)
+
+
+BURST_ID = _text("burst_id", "meta.id", "Stable id of the burst.")
+SOLUTION_ID = _text("solution_id", "meta.id", "Id of the solution, which never changes.")
+OBSERVATORY = _text("observatory", "instr.obsty", "Spacecraft that received the burst.")
+GRADE = _text("grade", "meta.code.qual", "A (best) to D (no single answer).")
+TIER = _text("tier", "meta.code.class", "final, or preliminary where two spacecraft received the burst.")
+F_LOW = _float("f_low_mhz", "MHz", "em.freq;stat.min", "Lowest frequency.")
+F_HIGH = _float("f_high_mhz", "MHz", "em.freq;stat.max", "Highest frequency.")
+FREQUENCY = _float("frequency_mhz", "MHz", "em.freq", "Frequency of the channel.")
+
+_SERIES = (
+    _text("edge", "meta.code", "Definition of the edge of a light curve that was timed."),
+    _text("method", "meta.code", "Method of localisation."),
+    _text("preset", "meta.code", "Named set of priors and errors."),
+)
+
+
+def _interval(name: str, unit: str, ucd: str, what: str) -> tuple[Column, ...]:
+    """Median and the ends of the 68 % interval."""
+    stem, _, tail = name.partition("@")
+    end = f"_{tail}" if tail else ""
+    return (
+        _float(f"{stem}{end}", unit, f"{ucd};stat.median", f"{what}: median."),
+        _float(f"{stem}_low{end}", unit, f"{ucd};stat.min", f"{what}: lower end of the 68 % interval."),
+        _float(f"{stem}_high{end}", unit, f"{ucd};stat.max", f"{what}: upper end of the 68 % interval."),
+    )
+
+
+_PHI0 = _interval("phi0@deg", "deg", "pos.bodyrc.lon", "HEE longitude of the spiral at 1 solar radius, west positive")
+_WIND = _interval("v_sw@km_s", "km/s", "phys.veloc", "Speed of the solar wind")
+
+BURSTS = Schema(
+    "bursts",
+    "Type III bursts, preferred solutions",
+    "start_utc",
+    (
+        BURST_ID,
+        _time("start_utc", "time.start", "Onset at the highest frequency."),
+        _time("end_utc", "time.end", "End at the lowest frequency."),
+        F_LOW,
+        F_HIGH,
+        _text("observatories", "instr.obsty", "Spacecraft that received the burst, separated by blanks."),
+        GRADE,
+        TIER,
+        *_PHI0,
+        _float("range_low_rsun", "solRad", "pos.distance;stat.min", "Distance of the nearest source from the Sun."),
+        _float("range_high_rsun", "solRad", "pos.distance;stat.max", "Distance of the farthest source from the Sun."),
+        *_WIND,
+        _text("flags", "meta.code.qual", "Quality flags of the preferred solution, separated by semicolons."),
+        *_SERIES,
+        Column("version", "int", "", "meta.version", "Version of the solution; 0 where there is none."),
+        SOLUTION_ID,
+        _time("created_utc", "time.creation", "When the solution was published."),
+        _text("code_version", "meta.version;meta.software", "Version of the code that made the solution."),
+        _text("sentence", "meta.note", "The answer in plain words."),
+    ),
+)
+
+_MATRIX = "stat.covariance"
+_LOCALISATION = (
+    FREQUENCY,
+    _float("x_rsun", "solRad", "pos.cartesian.x;pos.heliocentric", "Apparent source, HEE x (to Earth)."),
+    _float("y_rsun", "solRad", "pos.cartesian.y;pos.heliocentric", "Apparent source, HEE y (west)."),
+    _float("z_rsun", "solRad", "pos.cartesian.z;pos.heliocentric", "Apparent source, HEE z (ecliptic north)."),
+    _float("cov_xx_rsun2", "solRad2", _MATRIX, "Variance of x."),
+    _float("cov_xy_rsun2", "solRad2", _MATRIX, "Covariance of x and y."),
+    _float("cov_yy_rsun2", "solRad2", _MATRIX, "Variance of y."),
+    _float("cov_xz_rsun2", "solRad2", _MATRIX, "Covariance of x and z; unknown for a source in the ecliptic."),
+    _float("cov_yz_rsun2", "solRad2", _MATRIX, "Covariance of y and z; unknown for a source in the ecliptic."),
+    _float("cov_zz_rsun2", "solRad2", _MATRIX, "Variance of z; unknown for a source in the ecliptic."),
+    _float("area68_rsun2", "solRad2", "phys.area", "Area of the 68 % region (its section by the ecliptic)."),
+    _float("area95_rsun2", "solRad2", "phys.area", "Area of the 95 % region (its section by the ecliptic)."),
+    Column("modes", "int", "", "meta.number", "Separate parts of the 95 % region."),
+    _time("emission_utc", "time.epoch", "When the wave left the source."),
+    _float("v_over_c", "", "phys.veloc;arith.ratio", "Propagation speed over the speed of light."),
+    _float("v_over_c_sd", "", "stat.stdev;phys.veloc", "Its standard deviation."),
+    _float("contraction_x", "", "arith.ratio", "Posterior over prior width of x."),
+    _float("contraction_y", "", "arith.ratio", "Posterior over prior width of y."),
+    _float("contraction_v", "", "arith.ratio", "Posterior over prior width of the propagation speed."),
+    _float("log_evidence", "", "stat.likelihood", "Logarithm of the evidence of the channel."),
+    _text("flags", "meta.code.qual", "Quality flags of the channel, separated by semicolons."),
+)
+
+LOCALISATIONS = Schema(
+    "localisations",
+    "Apparent source at each frequency",
+    "emission_utc",
+    (BURST_ID, *_LOCALISATION, *_SERIES, SOLUTION_ID),
+)
+
+TRACKS = Schema(
+    "tracks",
+    "Parker spiral of each burst, joint fit",
+    "start_utc",
+    (
+        BURST_ID,
+        _time("start_utc", "time.start", "Onset of the burst at the highest frequency."),
+        GRADE,
+        TIER,
+        *_PHI0,
+        *_WIND,
+        *_interval("beam_speed@c", "", "phys.veloc;arith.ratio", "Speed of the beam along the field line over c"),
+        _time("release_utc", "time.epoch", "When the beam left the Sun: median."),
+        _float("release_sd_s", "s", "stat.stdev;time", "Standard deviation of that time."),
+        _float("phi0_contraction", "", "arith.ratio", "Posterior over prior width of the longitude."),
+        _float("v_sw_contraction", "", "arith.ratio", "Posterior over prior width of the wind speed."),
+        _float("beam_speed_contraction", "", "arith.ratio", "Posterior over prior width of the beam speed."),
+        _float("misfit_p", "", "stat.probability", "Probability of a larger misfit, before errors are widened."),
+        _float("rotation_period_d", "d", "time.period.rotation", "Rotation period of the Sun that the fit rests on."),
+        _text("flags", "meta.code.qual", "Quality flags of the track, separated by semicolons."),
+        *_SERIES,
+        SOLUTION_ID,
+    ),
+)
+
+DETECTIONS = Schema(
+    "detections",
+    "Bursts as each spacecraft received them",
+    "start_utc",
+    (
+        OBSERVATORY,
+        _time("start_utc", "time.start", "Onset at the highest frequency."),
+        _time("peak_utc", "time.epoch", "Peak."),
+        _time("end_utc", "time.end", "End at the lowest frequency."),
+        F_LOW,
+        F_HIGH,
+        _float("score", "", "stat.snr", "Of the matched filter, in standard deviations of noise."),
+        _float("drift", "", "phys.veloc;arith.ratio", "Speed over c of the beam whose drift fits best."),
+        _float("peak_db", "dB", "phys.flux;arith.ratio", "Peak over background."),
+        Column("channels", "int", "", "meta.number", "Channels in which it was seen."),
+        Column("isolated", "bool", "", "meta.code", "Whether no other burst is near."),
+        _text("tier", "meta.code.class", "localisable, catalogued or rejected."),
+        _text("reason", "meta.note", "Why it is no more than that; empty where it was localised."),
+        BURST_ID,
+    ),
+)
+
+ARRIVALS = Schema(
+    "arrivals",
+    "Arrival times per spacecraft and channel",
+    "arrival_utc",
+    (
+        BURST_ID,
+        OBSERVATORY,
+        FREQUENCY,
+        _time("arrival_utc", "time.epoch", "When the edge arrived at the spacecraft."),
+        _float("sigma_s", "s", "stat.stdev;time", "Error of the channel alone."),
+        _text("edge", "meta.code", "Definition of the edge of a light curve that was timed."),
+        _text("flag", "meta.code.qual", "Why the row was not used; empty where it was."),
+        _float("x_rsun", "solRad", "pos.cartesian.x;pos.heliocentric", "Receiver, HEE x (to Earth)."),
+        _float("y_rsun", "solRad", "pos.cartesian.y;pos.heliocentric", "Receiver, HEE y (west)."),
+        _float("z_rsun", "solRad", "pos.cartesian.z;pos.heliocentric", "Receiver, HEE z (ecliptic north)."),
+        _float("shape_sd_s", "s", "stat.stdev;time", "Error that is smooth along frequency within a spacecraft."),
+        _float("offset_sd_s", "s", "stat.stdev;time", "Error that all channels of a spacecraft share."),
+        _float("delay_s", "s", "time.interval", "Known delay beyond light travel."),
+        _float("delay_sd_s", "s", "stat.stdev;time", "Error of that delay, smooth along frequency."),
+        _float("rise_s", "s", "time.duration", "Half width of the rise."),
+        SOLUTION_ID,
+    ),
+)
+
+SCHEMAS = {schema.name: schema for schema in (BURSTS, LOCALISATIONS, TRACKS, DETECTIONS, ARRIVALS)}
+"""Published tables by name."""
+
+SOLUTION_COLUMNS = tuple(column.name for column in _LOCALISATION)
+"""Columns that a solution has at each frequency, in the order of the localisation table."""

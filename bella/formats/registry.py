@@ -1,0 +1,71 @@
+"""The formats that a published table is written in, by name."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from importlib import import_module
+
+from bella.exceptions import InputError
+from bella.formats.record_table import RecordTable
+
+Writer = Callable[[RecordTable], bytes]
+
+
+@dataclass(frozen=True)
+class Format:
+    """How a table is written.
+
+    Attributes
+    ----------
+    name : str
+    media_type : str
+    suffix : str
+        Of a file, with its dot.
+    where : str
+        Module and function that write it, imported when they are first used.
+    """
+
+    name: str
+    media_type: str
+    suffix: str
+    where: str
+
+    def write(self, table: RecordTable) -> bytes:
+        """Bytes of a table in this format.
+
+        Raises
+        ------
+        InputError
+            If the format cannot hold the table, or needs a package that is not installed.
+        """
+        module, _, function = self.where.partition(":")
+        writer: Writer = getattr(import_module(module), function)
+        return writer(table)
+
+
+FORMATS = {
+    one.name: one
+    for one in (
+        Format("json", "application/json", ".json", "bella.formats.text:json_text"),
+        Format("csv", "text/csv", ".csv", "bella.formats.text:csv_text"),
+        Format("ecsv", "text/ecsv", ".ecsv", "bella.formats.astropy_tables:ecsv"),
+        Format("votable", "application/x-votable+xml", ".vot", "bella.formats.astropy_tables:votable"),
+        Format("tfcat", "application/tfcat+json", ".tfcat.json", "bella.formats.tfcat:tfcat"),
+        Format("cdf", "application/x-cdf", ".cdf", "bella.formats.binary:istp_cdf"),
+        Format("netcdf", "application/x-netcdf", ".nc", "bella.formats.binary:netcdf"),
+        Format("parquet", "application/vnd.apache.parquet", ".parquet", "bella.formats.binary:parquet"),
+    )
+}
+"""Formats by name; ``json`` is what is given where none is asked for."""
+
+
+def find_format(name: str) -> Format:
+    """Format of a name.
+
+    Raises
+    ------
+    InputError
+        If it is not known; the message lists those that are.
+    """
+    if name not in FORMATS:
+        raise InputError(f"format {name[:40]!r} is not known; choose one of {', '.join(FORMATS)}")
+    return FORMATS[name]

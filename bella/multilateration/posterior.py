@@ -1,0 +1,350 @@
+"""The exact posterior of every frequency of a burst, held by cells: moments, evidence and draws.
+
+Moments are sums over the cells (midpoint rule). Draws are stratified over the cells, weighted to the exact density,
+resampled and shuffled.
+"""
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, replace
+from itertools import pairwise
+
+import numpy as np
+
+from bella.arrivals import ArrivalGrid
+from bella.exceptions import ConvergenceError
+from bella.multilateration.cells import Cells, Lattice, divide, normalised, summed
+from bella.multilateration.likelihood import evaluate
+from bella.multilateration.priors import Preset, Priors
+from bella.multilateration.problems import IntArray, Problems, log_constant, problems_of
+from bella.multilateration.regions import Region, component_density, regions_of
+from bella.multilateration.speed import draw_slowness
+from bella.units import C_RSUN_S, FloatArray
+
+BATCH = {2: 25, 3: 1}
+"""Frequencies treated together: enough to pay for the calls, few enough to stay in the processor's cache."""
+SHARE_OF_SIDE = 0.05
+"""Step, in edges of a cell, over which the slope of the log density is taken."""
+LEAST_CHANGE, MOST_CHANGE = 1e-4, 20.0
+"""Limits of the change of the log density across half a cell: the equations divide by it, and raise e to it."""
+
+
+AXES = "xyz"
+
+
+@dataclass(frozen=True)
+class Draws:
+    """Equally weighted draws of B problems.
+
+    Attributes
+    ----------
+    position : ndarray, shape (B, N, D)
+        Solar radii.
+    emission_s : ndarray, shape (B, N)
+        After the reference time of the grid, s.
+    v_over_c, kappa : ndarray, shape (B, N)
+    effective : ndarray, shape (B,)
+        Effective number of draws before resampling, (sum w)^2 / sum w^2.
+    """
+
+    position: FloatArray
+    emission_s: FloatArray
+    v_over_c: FloatArray
+    kappa: FloatArray
+    effective: FloatArray
+
+
+@dataclass(frozen=True)
+class Moments:
+    """Summary of each problem's posterior.
+
+    Attributes
+    ----------
+    mean : ndarray, shape (B, D)
+        Solar radii.
+    covariance : ndarray, shape (B, D, D)
+        Square solar radii.
+    emission_s, emission_sd_s : ndarray, shape (B,)
+        Emission time after the reference time of the grid, s.
+    v_over_c, v_over_c_sd : ndarray, shape (B,)
+        Propagation speed.
+    log_evidence : ndarray, shape (B,)
+    above_c : ndarray, shape (B,)
+        Probability that the speed is above that of light.
+    prior_pull : ndarray, shape (B, D)
+        How far the prior moves the mean, to first order, solar radii.
+    bad_probability : ndarray, shape (B, n)
+        Probability that an arrival time is bad; 0 where the noise is Gaussian.
+    kappa, kappa_sd : ndarray, shape (B,)
+        Of the directional delay, in half widths of the rise.
+    """
+
+    mean: FloatArray
+    covariance: FloatArray
+    emission_s: FloatArray
+    emission_sd_s: FloatArray
+    v_over_c: FloatArray
+    v_over_c_sd: FloatArray
+    log_evidence: FloatArray
+    above_c: FloatArray
+    prior_pull: FloatArray
+    bad_probability: FloatArray
+    kappa: FloatArray
+    kappa_sd: FloatArray
+
+
+@dataclass(frozen=True)
+class Posterior:
+    """What any method hands over for the frequencies of a grid.
+
+    Attributes
+    ----------
+    draws : Draws
+    moments : Moments
+    regions : sequence of Region
+    remarks : sequence of str
+        Flags that the method itself raises, one text per frequency, joined by semicolons; none if empty.
+    """
+
+    draws: Draws
+    moments: Moments
+    regions: Sequence[Region]
+    remarks: Sequence[str] = ()
+
+
+@dataclass(frozen=True)
+class Recipe:
+    """How a posterior was made."""
+
+    method: str
+    preset: Preset
+    dimensions: int
+    draws: int
+    seed: int
+
+
+def parameters(dimensions: int) -> tuple[str, ...]:
+    """Names of the parameters of a draw, in order."""
+    return (*(f"{axis}_rsun" for axis in AXES[:dimensions]), "emission_s", "v_over_c")
+
+
+def exact_posterior(grid: ArrivalGrid, recipe: Recipe, advance: Callable[[int], None]) -> Posterior:
+    """Compute the posterior of each frequency on adaptive cells.
+
+    Parameters
+    ----------
+    grid : ArrivalGrid
+        With the timing errors to use.
+    recipe : Recipe
+    advance : callable
+        Told how many frequencies are done since the last call.
+
+    Returns
+    -------
+    Posterior
+
+    Raises
+    ------
+    ConvergenceError
+        If a posterior is too sharp for the cells that may be spent on it; names the frequency.
+    """
+    problems = problems_of(grid, recipe.preset.priors, recipe.dimensions, recipe.preset.noise, recipe.preset.delay)
+    rng = np.random.default_rng(recipe.seed)
+    parts = []
+    for batch, cells in _divided(problems, grid.frequency_mhz):
+        drawn = _in_single_precision(draw(batch, cells, recipe.draws, rng))
+        parts.append((drawn, moments_of(batch, cells), regions_of(batch, cells)))
+        advance(batch.count)
+    draws, moments, regions = zip(*parts, strict=True)
+    joined = {
+        kind: kind(*(np.concatenate([getattr(part, name) for part in some]) for name in kind.__dataclass_fields__))
+        for kind, some in ((Draws, draws), (Moments, moments))
+    }
+    return Posterior(joined[Draws], joined[Moments], [region for some in regions for region in some])  # type: ignore[arg-type]
+
+
+def _in_single_precision(draws: Draws) -> Draws:
+    """Draws as they are stored: the only part of the answer that grows much with the number of frequencies."""
+    return replace(
+        draws,
+        position=draws.position.astype(np.float32),
+        emission_s=draws.emission_s.astype(np.float32),
+        v_over_c=draws.v_over_c.astype(np.float32),
+        kappa=draws.kappa.astype(np.float32),
+    )
+
+
+def _divided(problems: Problems, frequency_mhz: FloatArray) -> Iterator[tuple[Problems, Cells]]:
+    """Problems with their cells, `BATCH` together, or fewer where they need many cells."""
+    step = BATCH[problems.dimensions]
+    for first in range(0, problems.count, step):
+        some = slice(first, first + step)
+        yield from _halved(problems.at(some), frequency_mhz[some])
+
+
+def _halved(problems: Problems, frequency_mhz: FloatArray) -> Iterator[tuple[Problems, Cells]]:
+    try:
+        cells = divide(problems)
+    except ConvergenceError as error:
+        if problems.count == 1:
+            raise ConvergenceError(f"{frequency_mhz[0]:g} MHz: {error}") from error
+    else:
+        yield problems, cells
+        return
+    middle = problems.count // 2
+    for half in (slice(0, middle), slice(middle, None)):
+        yield from _halved(problems.at(half), frequency_mhz[half])
+
+
+def moments_of(problems: Problems, cells: Cells) -> Moments:
+    """Summary of the posterior held by cells (midpoint rule).
+
+    Parameters
+    ----------
+    problems : Problems
+    cells : Cells
+
+    Returns
+    -------
+    Moments
+    """
+    count, owner, local, speed = problems.count, cells.owner, cells.local, cells.speed
+    joint, log_sum = normalised(cells.log_density, owner, count)
+
+    def _mean(values: FloatArray) -> FloatArray:
+        return summed((joint * values).sum(axis=0), owner, count)
+
+    def _spread(values: FloatArray, within: FloatArray) -> FloatArray:
+        return _mean((values - _mean(values)[owner]) ** 2 + within)
+
+    here = problems.at(owner)
+    kappa, kappa_variance = local.kappa_given(speed.u), local.kappa_slope**2 * speed.u_variance + local.kappa_sd**2
+    emission = here.mean_arrival_s - problems.mean_arrival_s[0, owner] - local.mean_distance * speed.u
+    emission = emission - local.mean_delay_s * kappa
+    with_slowness = local.mean_distance + local.kappa_slope * local.mean_delay_s
+    within = with_slowness**2 * speed.u_variance + (local.mean_delay_s * local.kappa_sd) ** 2 + 1 / here.total_weight
+    emission_variance = _spread(emission, within)
+    share = joint.sum(axis=0)
+    position, covariance, prior_pull = _position_moments(share, cells, count, problems.priors)
+    return Moments(
+        mean=position,
+        covariance=covariance,
+        emission_s=problems.mean_arrival_s[0] + _mean(emission),
+        emission_sd_s=np.sqrt(emission_variance),
+        v_over_c=_mean(speed.v),
+        v_over_c_sd=np.sqrt(_spread(speed.v, speed.v_variance)),
+        log_evidence=log_sum + np.log(cells.side).sum(axis=0) + log_constant(problems),
+        above_c=_mean(speed.above_c),
+        prior_pull=prior_pull,
+        bad_probability=np.stack([summed(one, owner, count) for one in joint], axis=1) @ problems.bad,
+        kappa=_mean(kappa),
+        kappa_sd=np.sqrt(_spread(kappa, kappa_variance)),
+    )
+
+
+def _position_moments(
+    share: FloatArray, cells: Cells, count: int, priors: Priors
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Mean, covariance, and the change of the mean with the power to which the prior is raised, at the power of one.
+
+    The last is the covariance of position and log prior, an identity of exponential families.
+    """
+    centres = cells.centres
+    mean = np.stack([summed(share * axis, cells.owner, count) for axis in centres], axis=1)
+    deviation = centres - mean.T[:, cells.owner]
+    weighted = share * deviation
+    covariance = [[summed(a * b, cells.owner, count) for b in deviation] for a in weighted]
+    log_prior = priors.log_position((centres**2).sum(axis=0))
+    pull = np.stack([summed(a * log_prior, cells.owner, count) for a in weighted], axis=1)
+    return mean, np.moveaxis(np.array(covariance), -1, 0), pull
+
+
+def draw(problems: Problems, cells: Cells, number: int, rng: np.random.Generator) -> Draws:
+    """Draw positions, emission times, speeds and directional delays from the posterior.
+
+    Cells are taken in proportion to their mass, together with a component of the noise; a point within each follows, as
+    if the log density were linear across the cell, then a speed, a kappa and an emission time. What that misses of the
+    exact density is made good by resampling with importance weights.
+
+    Parameters
+    ----------
+    problems : Problems
+    cells : Cells
+        Of the same problems.
+    number : int
+        Draws N per problem.
+    rng : numpy.random.Generator
+
+    Returns
+    -------
+    Draws
+    """
+    change = _change_across(problems, cells)
+    widened = np.log(np.sinh(change) / change).sum(axis=0)
+    mass, _ = normalised(cells.log_density + widened, cells.owner, problems.count)
+    edges = np.searchsorted(cells.owner, np.arange(problems.count + 1))
+    parts = []
+    for row, (first, last) in enumerate(pairwise(edges)):  # one at a time: its draws stay in the processor's cache
+        some, one = slice(first, last), slice(row, row + 1)
+        lattice = Lattice(cells.index[:, some], cells.owner[some], cells.side[:, one], cells.origin, cells.turn[:, one])
+        held = _Held(lattice, change[..., some], mass[:, some], cells.log_density[:, some])
+        parts.append(_drawn(problems.at(one), held, number, rng))
+    return Draws(*(np.concatenate([getattr(part, name) for part in parts]) for name in Draws.__dataclass_fields__))
+
+
+def _change_across(problems: Problems, cells: Cells) -> FloatArray:
+    """Change of the log density from the centre of each cell to its sides, shape (D, K, M)."""
+    here = problems.at(cells.owner)
+    aside = [
+        component_density(here, cells.place(cells.index + 0.5 + SHARE_OF_SIDE * axis[:, None], cells.owner))
+        for axis in np.eye(problems.dimensions)
+    ]
+    change = np.clip((np.stack(aside) - cells.log_density) / (2 * SHARE_OF_SIDE), -MOST_CHANGE, MOST_CHANGE)
+    return np.where(np.abs(change) < LEAST_CHANGE, LEAST_CHANGE, change)
+
+
+@dataclass(frozen=True)
+class _Held:
+    """Cells of one problem: change of the log density across half of each (D, K, M), mass and log density (K, M)."""
+
+    lattice: Lattice
+    change: FloatArray
+    mass: FloatArray
+    log_density: FloatArray
+
+
+def _drawn(problem: Problems, held: _Held, number: int, rng: np.random.Generator) -> Draws:
+    taken = _systematic(held.mass.T.ravel(), number, rng)
+    cell, component = np.divmod(taken, problem.components)
+    change = held.change[:, component, cell]
+    jitter = np.log1p(rng.random(change.shape) * np.expm1(2 * change)) / (2 * change) - 0.5
+    points = held.lattice.place(held.lattice.index[:, cell] + 0.5 + jitter, np.zeros(1, dtype=np.intp))[:, None]
+    here = problem.component(component[None])
+    local = evaluate(here, points)
+    slowness, log_weight = draw_slowness(local, problem.priors, rng)
+    log_drawn = held.log_density[component, cell] + 2 * (change * jitter).sum(axis=0)
+    log_weight = (local.log_density[0] + log_weight - log_drawn)[0]
+    weight = np.exp(log_weight - log_weight.max())
+    weight /= weight.sum()
+    chosen = rng.permutation(_systematic(weight, number, rng))
+    kappa = local.kappa_given(slowness)[0] + local.kappa_sd[0] * rng.standard_normal((1, number))
+    emission = here.mean_arrival_s[0] - slowness * local.mean_distance[0] - kappa * local.mean_delay_s[0]
+    emission = emission + rng.standard_normal((1, number)) / np.sqrt(here.total_weight[0])
+    return Draws(
+        position=points[:, :, chosen].transpose(1, 2, 0),
+        emission_s=emission[:, chosen],
+        v_over_c=1 / (slowness[:, chosen] * C_RSUN_S),
+        kappa=kappa[:, chosen],
+        effective=1 / (weight**2).sum(keepdims=True),
+    )
+
+
+def _systematic(mass: FloatArray, number: int, rng: np.random.Generator) -> IntArray:
+    """Indices of points taken in proportion to their mass, in order.
+
+    The masses add up to one. A comb of `number` teeth with a random start is laid along their running sum; each point
+    is taken as often as teeth fall on it.
+    """
+    passed = np.ceil(np.cumsum(mass) * number - rng.random())
+    passed[-1] = number
+    passed = np.clip(passed, 0, number)
+    return np.repeat(np.arange(mass.size), np.diff(passed, prepend=0).astype(np.intp))

@@ -1,0 +1,190 @@
+"""Reads CDF and HDF5 files for another process: a script, run with little memory and time.
+
+A damaged file may claim records of exabytes, run in circles, or crash the library that reads it; nothing in Python can
+stop that from inside. Here it may happen: when this process ends, the other one says so and starts the next.
+
+A request is a line of JSON, an answer a line of JSON and, where it has an array, the bytes of the array.
+"""
+
+import contextlib
+import gzip
+import json
+import os
+import resource
+import struct
+import sys
+import tempfile
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import cdflib
+import numpy as np
+
+MEMORY_BYTES = 3 << 30
+LARGEST_BYTES = 1 << 30
+"""Most that one variable or one decompressed file may hold; a day of 42 811 sweeps of 321 channels has 55 MB."""
+
+LARGEST_HDF5_BYTES = 256 << 20
+GZIP = b"\x1f\x8b"
+VERSION_2 = (b"\xcd\xf2\x60\x02", b"\x00\x00\xff\xff")
+UNPACKED = b"\x00\x00\xff\xff"
+PIECE_BYTES = 1 << 20
+
+
+class Reader:
+    """One open CDF at a time."""
+
+    def __init__(self) -> None:
+        self._cdf: Any = None
+        self._unpacked: Path | None = None
+
+    def open(self, path: str) -> list[str]:
+        """Open a CDF, which may be a .cdf.gz; returns the names of its variables."""
+        self.close()
+        with Path(path).open("rb") as stream:
+            is_packed = stream.read(2) == GZIP
+        if is_packed:
+            self._unpacked = _unpacked(path)
+        plain = str(self._unpacked or path)
+        _check_length(plain)
+        self._cdf = cdflib.CDF(plain)
+        contents = self._cdf.cdf_info()
+        return [*contents.zVariables, *contents.rVariables]
+
+    def close(self) -> None:
+        """Close the CDF that was open, if any."""
+        self._cdf = None
+        if self._unpacked is not None:
+            self._unpacked.unlink(missing_ok=True)
+            self._unpacked = None
+
+    def describe(self, variable: str) -> dict[str, int]:
+        """Type and number of records of a variable."""
+        found = self._cdf.varinq(variable)
+        return {"kind": int(found.Data_Type), "records": int(found.Last_Rec) + 1, "varies": int(bool(found.Rec_Vary))}
+
+    def attribute(self, name: str, variable: str | None) -> str | float | None:
+        """Attribute of a variable, or of the file; None where there is none, or no single value."""
+        try:
+            value = self._cdf.attget(name, 0 if variable is None else variable).Data
+        except (KeyError, ValueError):
+            return None
+        value = value.item() if isinstance(value, np.ndarray | np.generic) and np.size(value) == 1 else value
+        if isinstance(value, str | int | float):
+            return value
+        return " ".join(map(str, value)) if isinstance(value, list) else None
+
+    def values(self, variable: str) -> np.ndarray:
+        """Values of a variable, records first."""
+        found = self._cdf.varget(variable)
+        values = np.ascontiguousarray(np.asarray(found))
+        if values.dtype.kind not in "iufc":
+            raise ValueError(f"variable {variable!r} holds no numbers")
+        if values.nbytes > LARGEST_BYTES:
+            raise ValueError(f"variable {variable!r} holds {values.nbytes} bytes")
+        return values.astype(values.dtype.newbyteorder("="), copy=False)
+
+
+def _unpacked(path: str) -> Path:
+    """A file without its gzip, in a temporary place."""
+    handle, name = tempfile.mkstemp(suffix=".cdf")
+    size = 0
+    try:
+        with gzip.open(path, "rb") as packed, os.fdopen(handle, "wb") as plain:
+            while piece := packed.read(PIECE_BYTES):
+                size += len(piece)
+                if size > LARGEST_BYTES:
+                    raise ValueError(f"it unpacks to more than {LARGEST_BYTES >> 20} MiB")
+                plain.write(piece)
+    except Exception:
+        Path(name).unlink(missing_ok=True)
+        raise
+    return Path(name)
+
+
+def _check_length(path: str) -> None:
+    """Hold the length that an uncompressed CDF states (CDF Internal Format Description, GDR.eof) against the file's."""
+    size = Path(path).stat().st_size
+    with Path(path).open("rb") as stream:
+        head = stream.read(28)
+        if len(head) < 28 or head[4:8] != UNPACKED:
+            return
+        is_old = head[:4] in VERSION_2
+        (place,) = struct.unpack_from(">i", head, 16) if is_old else struct.unpack_from(">q", head, 20)
+        if not 0 <= place < size:
+            raise ValueError(f"it ends early: a record is at byte {place} of {size}")
+        stream.seek(place + (20 if is_old else 36))
+        stated = int.from_bytes(stream.read(4 if is_old else 8), "big")
+    if stated > size:
+        raise ValueError(f"it ends early: {size} of {stated} bytes")
+
+
+def probe(path: str) -> None:
+    """Read every attribute, dimension and value of an HDF5 file."""
+    import h5py  # noqa: PLC0415 - takes 0.1 s, and few files need it
+
+    def read(name: str, item: Any) -> None:
+        for attribute in item.attrs:
+            item.attrs.get(attribute)
+        if not isinstance(item, h5py.Dataset):
+            return
+        chunk = int(item.dtype.itemsize)
+        for length in item.chunks or (0,):
+            chunk *= int(length)
+        claimed = max(item.nbytes, chunk)
+        if claimed > LARGEST_HDF5_BYTES:
+            raise ValueError(f"variable {name!r} claims {claimed} bytes")
+        for dimension in item.dims:
+            len(dimension)
+        if item.shape is not None:
+            item[()]
+
+    with h5py.File(path, "r") as file:
+        read("/", file)
+        file.visititems(read)
+
+
+def answers() -> Iterator[tuple[dict[str, Any], bytes | memoryview]]:
+    """Answer to each request on the standard input."""
+    reader = Reader()
+    does = {
+        "open": reader.open,
+        "close": reader.close,
+        "describe": reader.describe,
+        "attribute": reader.attribute,
+        "values": reader.values,
+        "probe": probe,
+    }
+    for line in sys.stdin.buffer:
+        request = json.loads(line)
+        _limit(resource.RLIMIT_CPU, int(sum(os.times()[:2])) + 1 + request["cpu_s"])
+        try:
+            with np.errstate(all="ignore"):
+                value = does[request["do"]](*request["of"])
+        except MemoryError:
+            yield {"error": f"it claims more than {MEMORY_BYTES >> 30} GiB"}, b""
+        except Exception as error:  # noqa: BLE001 - whatever it is, it is the reason
+            reason = " ".join(str(error).split())[:160] or type(error).__name__
+            yield {"error": reason, "kind": type(error).__name__}, b""
+        else:
+            if isinstance(value, np.ndarray):
+                yield {"dtype": value.dtype.str, "shape": value.shape}, value.data if value.size else b""
+            else:
+                yield {"value": value}, b""
+
+
+def _limit(kind: int, most: int) -> None:
+    """Limit what this process may use; not every system has every limit."""
+    with contextlib.suppress(ValueError, OSError):
+        resource.setrlimit(kind, (most, resource.getrlimit(kind)[1]))
+
+
+if __name__ == "__main__":
+    _limit(resource.RLIMIT_CORE, 0)
+    _limit(resource.RLIMIT_AS, MEMORY_BYTES)
+    out, sys.stdout = sys.stdout.buffer, sys.stderr  # what a library prints must not be taken for an answer
+    for head, body in answers():
+        out.write(json.dumps(head).encode() + b"\n")
+        out.write(body)
+        out.flush()

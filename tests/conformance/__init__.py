@@ -1,0 +1,1 @@
+"""What is served, checked by the tools and rules of those who read it."""

@@ -1,0 +1,49 @@
+"""One real server on the loopback, with bursts and detections behind it."""
+
+from collections.abc import Iterator
+from dataclasses import replace
+from datetime import timedelta
+
+import pytest
+
+from bella.catalogue import Catalogue, Detection, SearchedDay
+from bella.settings import Settings
+from tests.api.published import ONSET, publish_event, publish_many, served, settings_of
+from tests.plotting.synthetic import BURST_ID
+
+HEARD = Detection(
+    observatory="WIND",
+    start_utc=ONSET,
+    peak_utc=ONSET + timedelta(minutes=2),
+    end_utc=ONSET + timedelta(minutes=20),
+    f_low_mhz=0.2,
+    f_high_mhz=8.0,
+    score=9.5,
+    drift=0.2,
+    peak_db=12.5,
+    channels=40,
+    isolated=True,
+    tier="localisable",
+    reason="",
+    burst_id=BURST_ID,
+)
+
+
+@pytest.fixture(scope="session")
+def filled(tmp_path_factory: pytest.TempPathFactory) -> Settings:
+    """Three bursts, and detections of which two have the same onset."""
+    settings = settings_of(tmp_path_factory.mktemp("home"))
+    later = {"start_utc": ONSET + timedelta(minutes=7), "tier": "rejected", "reason": "no drift, 3 channels"}
+    found = [HEARD, replace(HEARD, observatory="STEREO-A"), replace(HEARD, burst_id="", **later)]
+    with Catalogue.open(settings.catalogue_url, create=True) as catalogue:
+        publish_event(settings, catalogue)
+        publish_many(settings, catalogue, 2)
+        catalogue.record_day(SearchedDay(ONSET.date(), "h", "0.1", ("WIND", "STEREO-A")), found)
+    return settings
+
+
+@pytest.fixture(scope="session")
+def address(filled: Settings) -> Iterator[str]:
+    """Address of the server."""
+    with served(filled) as base:
+        yield base

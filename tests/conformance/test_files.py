@@ -1,0 +1,85 @@
+"""Files that are served, checked by what reads them elsewhere: votlint, astropy, cdflib, tfcat."""
+
+import io
+import shutil
+import subprocess
+import warnings
+from pathlib import Path
+
+import cdflib
+import httpx
+import pytest
+from astropy.io.votable import validate
+from cdflib.xarray import cdf_to_xarray, xarray_to_cdf
+
+from tests.plotting.synthetic import BURST_ID
+
+TABLES = {
+    "bursts": "bursts",
+    "tracks": "tracks",
+    "localisations": "localisations",
+    "track": f"bursts/{BURST_ID}/track",
+    "arrivals": f"bursts/{BURST_ID}/arrivals",
+    "detections": "detections?start=2012-06-07&stop=2012-06-08",
+}
+
+
+def fetched(address: str, path: str, name: str, folder: Path) -> Path:
+    reply = httpx.get(f"{address}/api/v1/{path}{'&' if '?' in path else '?'}format={name}")
+    assert reply.status_code == 200, reply.text
+    file = folder / f"table.{name}"
+    file.write_bytes(reply.content)
+    return file
+
+
+@pytest.mark.parametrize("path", TABLES.values(), ids=TABLES)
+def test_votlint_finds_nothing_in_a_votable(address: str, path: str, tmp_path: Path) -> None:
+    if shutil.which("stilts") is None:
+        pytest.skip("votlint is not installed: it comes with stilts (apt-get install stilts)")
+    file = fetched(address, path, "votable", tmp_path)
+    found = subprocess.run(["stilts", "votlint", f"votable={file}"], capture_output=True, text=True, check=False)
+    assert (found.returncode, found.stdout, found.stderr) == (0, "", "")
+
+
+@pytest.mark.parametrize("path", TABLES.values(), ids=TABLES)
+def test_astropy_finds_nothing_in_a_votable(address: str, path: str, tmp_path: Path) -> None:
+    file = fetched(address, path, "votable", tmp_path)
+    said = io.StringIO()
+    assert validate(str(file), output=said), said.getvalue()
+
+
+@pytest.mark.parametrize("path", TABLES.values(), ids=TABLES)
+def test_a_cdf_follows_the_istp_guidelines(address: str, path: str, tmp_path: Path) -> None:
+    file = fetched(address, path, "cdf", tmp_path)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        read = cdf_to_xarray(str(file), to_datetime=False, fillval_to_nan=False)
+    # read and written again, every breach of the guidelines is an error
+    xarray_to_cdf(read, str(tmp_path / "again.cdf"), istp=True, terminate_on_warning=True)
+    described = cdflib.CDF(file)
+    for name in described.cdf_info().zVariables:
+        attributes = described.varattsget(name)
+        assert {"CATDESC", "FIELDNAM", "FILLVAL", "FORMAT", "UNITS", "VAR_TYPE"} <= attributes.keys(), name
+        assert name == "Epoch" or attributes["DEPEND_0"] == "Epoch"
+
+
+@pytest.mark.parametrize("path", [TABLES["arrivals"], TABLES["detections"]], ids=["arrivals", "detections"])
+def test_tfcat_is_read_and_sound(address: str, path: str, tmp_path: Path) -> None:
+    tfcat = pytest.importorskip("tfcat", reason="tfcat is not installed: pip install tfcat")
+    whose = f"{path}{'&' if '?' in path else '?'}observatory=STEREO-A"
+    # never tfcat.validate: it fetches the schema from the network without checking who answers
+    made = tfcat.loads(fetched(address, whose, "tfcat", tmp_path).read_text())
+    assert made.crs["properties"]["ref_position_id"] == "stereo-a"
+    assert len(made.features) > 0
+    for feature in made.features:
+        assert not feature.errors()
+        low_t, low_f, high_t, high_f = feature["bbox"]
+        assert low_t < high_t
+        assert low_f < high_f
+        assert set(feature.properties) == set(made.fields)
+
+
+def test_tfcat_of_several_spacecraft_asks_for_one(address: str) -> None:
+    reply = httpx.get(f"{address}/api/v1/detections?start=2012-06-07&stop=2012-06-08&format=tfcat")
+    assert reply.status_code == 422
+    assert "observatory=" in reply.json()["detail"]

@@ -1,0 +1,93 @@
+"""Wave directions from the files of a day to a solution: found with the burst, crossed, fused with its times."""
+
+from datetime import date
+from typing import Any
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from bella.arrivals import locate_receivers
+from bella.catalogue import Series
+from bella.multilateration import localise
+from bella.pipeline.day import FoundDay, search_day
+from bella.pipeline.inputs import BurstInput
+from bella.pipeline.surroundings import surroundings_of
+from bella.pipeline.tracks import Timing, fitted_track
+from bella.settings import Settings
+from bella.simulation.archive_days import simulate_days
+from tests.pipeline.examples import files_of
+
+DAY, SEED = date(2012, 6, 5), 1
+PHI0_DEG = -79.2
+"""Of the burst that is released at 16:28:52."""
+
+EDGE = "half_rise"
+
+
+@pytest.fixture(scope="module")
+def found(tmp_path_factory: pytest.TempPathFactory) -> FoundDay:
+    root = tmp_path_factory.mktemp("archive")
+    stereo = [f"ST{side}_L3_WAV_{band}" for side in "AB" for band in ("LFR", "HFR")]
+    simulate_days(root, [DAY], SEED, ("WI_L2_WAV_RAD1", "WI_L2_WAV_RAD2", *stereo))
+    return search_day(files_of(DAY, sorted(root.rglob("*.cdf"))), ())
+
+
+@pytest.fixture(scope="module")
+def given(found: FoundDay) -> BurstInput:
+    (burst,) = [one.given for one in found.bursts if one.given and one.given.burst.start_utc.hour == 16]
+    return burst
+
+
+def beside(given: BurstInput, directions: pd.DataFrame | None) -> dict[str, Any]:
+    """Track of the burst with these directions."""
+    arrivals, settings = locate_receivers(given.arrivals[EDGE]), Settings(draws=1000)
+    posterior = localise(arrivals, draws=50)
+    timing = Timing(arrivals, locate_receivers(given.channel_arrivals[EDGE]), directions)
+    around = surroundings_of(given.burst.start_utc, settings)
+    return fitted_track(posterior, timing, Series(EDGE, "posterior", "default", 2), settings, around)[0]
+
+
+@pytest.fixture(scope="module")
+def track(given: BurstInput) -> dict[str, Any]:
+    return beside(given, given.directions)
+
+
+def test_a_found_burst_brings_the_directions_of_its_files(given: BurstInput) -> None:
+    assert given.directions is not None
+    assert given.directions.groupby("observatory").size().between(25, 45).all()
+    assert set(given.directions["observatory"]) == {"STEREO-A", "STEREO-B"}
+    inside = given.directions["frequency_mhz"].between(given.burst.f_low_mhz, given.burst.f_high_mhz)
+    assert inside.all()
+
+
+def test_directions_cross_where_the_arrival_times_say(track: dict[str, Any]) -> None:
+    rows = track["companions"]["triangulation"]["rows"]
+    assert len(rows) >= 3
+    joint = track["joint"]
+    ln_f, ln_r = zip(
+        *((np.log(at["frequency_mhz"]), np.log(at["range_rsun"]["q50"])) for at in joint["profile"]), strict=True
+    )
+    for row in rows:
+        expected = np.exp(np.interp(np.log(row["frequency_mhz"]), ln_f, ln_r))
+        assert abs(row["range_rsun"] - expected) < 3 * row["range_sd_rsun"]
+
+
+def test_the_fused_fit_holds_the_truth_and_says_what_directions_add(track: dict[str, Any]) -> None:
+    fused, joint = track["companions"]["fused"], track["joint"]
+    (directions,) = fused["ingredients"]
+    assert directions["name"] == "wave_directions"
+    assert fused["phi0_deg"]["q2_5"] < PHI0_DEG < fused["phi0_deg"]["q97_5"]
+    # the fit without directions is the joint fit itself: the same times with the same noise
+    for name in ("phi0_deg", "v_sw_km_s"):
+        width, without = (one[name]["q84"] - one[name]["q16"] for one in (fused, joint))
+        assert directions["sd_ratio"][name] == pytest.approx(width / without)
+    assert directions["sd_ratio"]["phi0_deg"] < 1.1
+    assert "ingredients_disagree" not in fused["flags"]
+
+
+def test_a_burst_of_arrival_times_alone_says_so(given: BurstInput) -> None:
+    companions = beside(given, None)["companions"]
+    for name, words in (("triangulation", "no wave directions"), ("fused", "neither wave directions nor")):
+        assert companions[name]["flags"] == ["not_computed"]
+        assert words in companions[name]["reason"]

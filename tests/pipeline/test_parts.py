@@ -1,0 +1,208 @@
+"""The parts that a burst goes through: its inputs, its solution, what is published, and what ends or stops it."""
+
+import hashlib
+import json
+from contextlib import closing
+from dataclasses import replace
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+import pytest
+import xarray as xr
+from fastapi.testclient import TestClient
+from typer.testing import CliRunner
+
+from api.app import create_app
+from bella.arrivals import arrivals_csv, locate_receivers
+from bella.bursts import EVENT, half_maximum_arrivals, published_arrivals
+from bella.catalogue import Catalogue, Series
+from bella.cli import app
+from bella.exceptions import BusyError, GeometryError, InputError, NoDataError, StoreError, UnreachableError
+from bella.flags import APPARENT_SOURCE
+from bella.multilateration import localise
+from bella.pipeline import environment, progress
+from bella.pipeline.inputs import load_burst
+from bella.pipeline.publication import Draft, inputs_hash, publish, solution_flags
+from bella.pipeline.surroundings import surroundings_of
+from bella.pipeline.tracks import Timing, attempted, fitted_track
+from bella.settings import Settings
+from bella.tracks.spiral import track_fit
+
+SERIES = Series("half_maximum", "posterior", "default", 2)
+UNKNOWN = surroundings_of(datetime(2012, 6, 7, 19, 20, tzinfo=UTC), Settings(in_situ=None, regions=None))
+"""Neither wind nor regions."""
+
+
+@pytest.fixture(scope="module")
+def located() -> Any:
+    return locate_receivers(half_maximum_arrivals(np.array([0.3, 1.0])))
+
+
+def test_inputs_hash_changes_with_everything_a_solution_depends_on(located: Any) -> None:
+    sources = load_burst(EVENT.name, Path("nowhere")).sources
+    settings, timing = Settings(), Timing(located, located)
+    directions = pd.DataFrame({"observatory": ["WIND"], "frequency_mhz": [0.5], "longitude_deg": [170.0]})
+    same = inputs_hash(timing, sources, SERIES, settings)
+    assert same == inputs_hash(Timing(located.copy(), located.copy()), sources[::-1], SERIES, settings)
+    assert same == inputs_hash(replace(timing, directions=directions.head(0)), sources, SERIES, settings)
+    later, moved = located.assign(sigma_s=located["sigma_s"] + 1e-6), located.assign(x_rsun=located["x_rsun"] + 1e-4)
+    others = {
+        *(inputs_hash(Timing(one, located), sources, SERIES, settings) for one in (later, moved)),
+        *(inputs_hash(Timing(located, one), sources, SERIES, settings) for one in (later, moved, None)),
+        inputs_hash(replace(timing, directions=directions), sources, SERIES, settings),
+        inputs_hash(replace(timing, directions=directions.assign(longitude_deg=171.0)), sources, SERIES, settings),
+        inputs_hash(timing, sources[1:], SERIES, settings),
+        inputs_hash(timing, sources, replace(SERIES, preset="paper"), settings),
+        inputs_hash(timing, sources, replace(SERIES, method="nuts"), settings),
+        inputs_hash(timing, sources, SERIES, Settings(seed=1)),
+        inputs_hash(timing, sources, SERIES, Settings(draws=10)),
+    }
+    assert len(others | {same}) == 13
+
+
+def test_built_in_event_names_its_inputs() -> None:
+    given = load_burst(EVENT.name, Path("nowhere"))
+    assert given.burst.burst_id == "T3-20120607-1929"
+    assert set(given.arrivals) == {"gauss_hermite", "half_maximum", "half_rise", "shared_profile"}
+    assert given.spectra is not None
+    assert set(given.spectra.children) == set(given.burst.observatories)
+    assert len({source.sha256 for source in given.sources}) == len(given.sources) >= 3
+    channels = given.channel_arrivals["half_rise"]
+    assert len(channels) == 104, "the joint fit takes the edges themselves, as for every burst found in spectra"
+    assert channels["frequency_mhz"].nunique() > given.arrivals["half_rise"]["frequency_mhz"].nunique()
+
+
+def test_submission_becomes_a_burst_named_by_its_onset(tmp_path: Path) -> None:
+    table = published_arrivals(np.array([0.2, 2.0]))
+    text = arrivals_csv(table)
+    sha256 = hashlib.sha256(text.encode()).hexdigest()
+    (tmp_path / f"{sha256}.csv").write_text(text)
+    given = load_burst(sha256, tmp_path)
+    assert given.burst.burst_id == "T3-20120607-1929"
+    assert (given.burst.f_low_mhz, given.burst.f_high_mhz) == (0.2, 2.0)
+    assert given.spectra is None
+    assert given.sources[0].sha256 == sha256
+
+
+def test_submission_that_was_changed_is_refused(tmp_path: Path) -> None:
+    (tmp_path / f"{'0' * 64}.csv").write_text(arrivals_csv(published_arrivals(np.array([0.2, 2.0]))))
+    with pytest.raises(InputError, match="hand it in again"):
+        load_burst("0" * 64, tmp_path)
+
+
+def test_track_of_a_solution_holds_every_method_and_its_draws_reach_the_store(tmp_path: Path) -> None:
+    settings = Settings(home=tmp_path, draws=500)
+    arrivals = locate_receivers(half_maximum_arrivals())
+    given = load_burst(EVENT.name, Path("nowhere"))
+    track, posterior = fitted_track(localise(arrivals, draws=200), Timing(arrivals), SERIES, settings, UNKNOWN)
+    assert track["joint"]["times"] > 100
+    assert track["joint"]["rotation_period_d"] == track["rotation_period_d"] == 24.47
+    computed = {"semp", "weighted", "piecewise", "density_excess", "scattering", "footpoint", "models"}
+    missing = {"wind", "triangulation", "fused"}
+    assert set(track["companions"]) == computed | missing
+    assert track["remark"] == track["companions"]["scattering"]["apparent"] == APPARENT_SOURCE
+    assert {name for name, one in track["companions"].items() if "reason" in one} == missing
+    with closing(Catalogue.open(settings.catalogue_url, create=True)) as catalogue:
+        solution = publish(Draft(given.burst, SERIES, "0" * 64, posterior, track, given.sources), catalogue, settings)
+        assert catalogue.track_fit(solution.solution_id) == json.loads(json.dumps(track))
+    assert set(track["joint"]["flags"]) <= set(solution.flags)
+    with xr.open_zarr(settings.store_root / solution.store_path, chunks=None) as group:
+        wind = group["joint_draws"].sel(joint_parameter="v_sw_km_s")
+        assert wind.sizes == {"joint_draw": 500}
+        assert float(wind.median()) == pytest.approx(track["joint"]["v_sw_km_s"]["q50"], rel=0.2)
+        assert group["joint_draws"].attrs["units"] == "as the name of the parameter says"
+
+
+def test_what_cannot_be_computed_says_why_and_stops_nothing(located: Any) -> None:
+    alone = located[located["frequency_mhz"] == 1.0]
+    track, posterior = fitted_track(localise(alone, draws=200), Timing(alone), SERIES, Settings(), UNKNOWN)
+    assert track["joint"]["flags"] == ["too_few_frequencies"]
+    assert "joint_draws" not in posterior
+    found = track["companions"]
+    assert found["semp"] == {"flags": ["not_computed"], "reason": found["semp"]["reason"]}
+    assert "at least 4" in found["semp"]["reason"]
+    assert "add frequencies" in found["footpoint"]["reason"]
+    assert found["piecewise"]["flags"] == ["too_few_positions"]
+    assert found["density_excess"]["flags"] == []
+
+
+@pytest.mark.parametrize("error", [GeometryError("collinear"), NoDataError("outside the table"), InputError("wrong")])
+def test_only_expected_errors_of_a_companion_are_recorded(error: Exception) -> None:
+    def refuse() -> dict[str, Any]:
+        raise error
+
+    assert attempted(refuse) == {"flags": ["not_computed"], "reason": str(error)}
+    with pytest.raises(ZeroDivisionError):
+        attempted(lambda: {"ratio": 1 / 0})
+
+
+def test_burst_of_one_frequency_is_published_without_a_spiral(tmp_path: Path, located: Any) -> None:
+    """Positions are worth having where there are too few of them for a track."""
+    settings = Settings(home=tmp_path, draws=200)
+    given = load_burst(EVENT.name, Path("nowhere"))
+    alone = located[located["frequency_mhz"] == 1.0]
+    posterior = localise(alone, draws=settings.draws)
+    with closing(Catalogue.open(settings.catalogue_url, create=True)) as catalogue:
+        draft = Draft(given.burst, SERIES, "0" * 64, posterior, track_fit(posterior), given.sources)
+        solution = publish(draft, catalogue, settings)
+    assert "too_few_positions" in solution.flags
+    with TestClient(create_app(settings)) as client:
+        page = client.get(f"/bursts/{given.burst.burst_id}")
+        figure = client.get(f"/api/v1/bursts/{given.burst.burst_id}/figures/constellation")
+        track = client.get(f"/api/v1/bursts/{given.burst.burst_id}/track").json()
+    assert page.status_code == figure.status_code == 200
+    assert "no spiral was fitted" in page.text
+    assert len(track["localisations"]) == 1
+    shown = CliRunner().invoke(app, ["catalogue", "show", given.burst.burst_id], env={"BELLA_HOME": str(tmp_path)})
+    assert shown.exit_code == 0, shown.output
+
+
+def test_solution_flags_are_those_of_rows_and_fit() -> None:
+    posterior = xr.Dataset({"flags": ("frequency", np.array(["", "b;a", "b"]))})
+    assert solution_flags(posterior, {"two_step": {"flags": ["formal_errors"]}}) == ("a", "b", "formal_errors")
+    both = {"two_step": {"flags": ["formal_errors"]}, "joint": {"flags": ["poor_fit"]}}
+    assert solution_flags(posterior, both) == ("a", "b", "formal_errors", "poor_fit")
+    assert solution_flags(posterior.isel(frequency=[0]), {}) == ()
+
+
+@pytest.mark.parametrize(
+    ("error", "again"),
+    [(BusyError("x"), True), (UnreachableError("x"), True), (StoreError("x"), False), (ValueError("x"), False)],
+)
+def test_only_errors_that_may_pass_are_tried_again(error: Exception, *, again: bool) -> None:
+    from prefect.states import Failed
+
+    from flows.tasks import is_retriable
+
+    state = Failed(data=error)
+    assert is_retriable(None, None, state) is again  # type: ignore[arg-type]
+
+
+def test_progress_counts_for_who_listens() -> None:
+    heard: list[tuple[str, int, int]] = []
+    progress.counter("unheard", 2)(1)
+    progress.listen(lambda *news: heard.append(news))
+    advance = progress.counter("localise", 5)
+    advance(2)
+    advance(3)
+    assert heard == [("localise", 0, 5), ("localise", 2, 5), ("localise", 5, 5)]
+
+
+def test_environment_keeps_what_an_operator_has_set(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    names = ("PREFECT_HOME", "MPLCONFIGDIR", "NUMBA_CACHE_DIR", "PYTENSOR_FLAGS", "XDG_CACHE_HOME", "DO_NOT_TRACK")
+    for name in names:
+        monkeypatch.setenv(name, "")  # so that the test's own environment is restored afterwards
+        monkeypatch.delenv(name)
+    for name in ("PREFECT_SERVER_ANALYTICS_ENABLED", "PREFECT_LOGGING_LEVEL", "PREFECT_LOGGING_TO_API_ENABLED"):
+        monkeypatch.setenv(name, "kept")
+    for name in ("PREFECT_CLI_PROMPT", "PREFECT_INTERNAL_LOGGING_LEVEL", "XDG_CONFIG_HOME"):
+        monkeypatch.setenv(name, "kept")
+    environment.prepare(Settings(home=tmp_path / "home"))
+    import os
+
+    assert os.environ["PREFECT_HOME"] == str(tmp_path / "home" / "prefect")
+    assert os.environ["DO_NOT_TRACK"] == "1"
+    assert os.environ["PREFECT_LOGGING_LEVEL"] == "kept"
