@@ -1,4 +1,4 @@
-"""The commands ``bella webhook add``, ``list`` and ``remove``: who is sent alerts."""
+"""The commands ``bella webhook add``, ``list``, ``deliver`` and ``remove``: who is sent alerts."""
 
 import json
 from contextlib import closing
@@ -61,6 +61,20 @@ def list_webhooks(home: Home = None, as_json: AsJson = False) -> None:
     for row in rows:
         table.add_row(*("yes" if value is True else "no" if value is False else str(value) for value in row.values()))
     out.print(table)
+
+
+@webhook_app.command("deliver", epilog="Example: bella webhook deliver --json")
+def deliver(home: Home = None, as_json: AsJson = False) -> None:
+    """Send what waits, once; bella fetch --follow does so every few seconds."""
+    from dataclasses import asdict
+
+    from bella.pipeline.alerts import deliver_alerts
+
+    done = deliver_alerts(settings_of(home))
+    if as_json:
+        out.print_json(json.dumps(asdict(done)))
+        return
+    say(f"{done.taken} alerts taken, {done.refused} refused; {done.away} receivers did not answer")
 
 
 @webhook_app.command("remove", epilog="Example: bella webhook remove 1f2e3d4c")

@@ -77,9 +77,6 @@ class Settings(BaseSettings):
     mock_schedule_s: PositiveFloat = Field(
         default=3600.0, description="Interval of the mock burst that tests the whole path, s."
     )
-    alerts_schedule_s: PositiveFloat = Field(
-        default=300.0, description="Length of a run that sends alerts to webhooks every five seconds, s."
-    )
     housekeeping_schedule_s: PositiveFloat = Field(
         default=3600.0, description="Interval at which the store is swept of what killed runs have left, s."
     )

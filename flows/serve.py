@@ -1,7 +1,7 @@
 """Scheduled processing: ``python -m flows.serve [NAME ...]`` declares deployments and runs what is due.
 
-Without names it serves all but ``ingest`` and ``alerts``, which need a way to other machines. It needs a Prefect server
-that lasts; ``PREFECT_API_URL`` says where.
+Without names it serves all but ``ingest``, which needs a way to the archives. It needs a Prefect server that lasts;
+``PREFECT_API_URL`` says where.
 """
 
 import sys
@@ -16,9 +16,7 @@ from bella.pipeline.environment import prepare
 from bella.settings import Settings, read_settings
 
 FIRST_RUN_AFTER = timedelta(seconds=10)
-INGEST, ALERTS = "ingest", "alerts"
-OUTWARD = frozenset({INGEST, ALERTS})
-"""Deployments that need a way to other machines."""
+INGEST = "ingest"
 
 
 def intervals_s(settings: Settings) -> dict[str, float]:
@@ -30,7 +28,6 @@ def intervals_s(settings: Settings) -> dict[str, float]:
         "mock-burst": settings.mock_schedule_s,
         "housekeeping": settings.housekeeping_schedule_s,
         INGEST: settings.ingest_schedule_s,
-        ALERTS: settings.alerts_schedule_s,
     }
 
 
@@ -40,7 +37,7 @@ def main(names: Sequence[str] = ()) -> None:
     Parameters
     ----------
     names : sequence of str
-        Keys of :func:`intervals_s`; none for all but `OUTWARD`.
+        Keys of :func:`intervals_s`; none for all but ``ingest``.
 
     Raises
     ------
@@ -57,7 +54,7 @@ def main(names: Sequence[str] = ()) -> None:
     _lay_out(settings)
     from prefect import serve  # noqa: PLC0415 - Prefect reads its settings when imported
 
-    wanted = names or [name for name in known if name not in OUTWARD]
+    wanted = names or [name for name in known if name != INGEST]
     serve(*_deployments(wanted, settings), pause_on_shutdown=False, print_starting_message=False)
 
 
@@ -68,11 +65,9 @@ def _deployments(names: Sequence[str], settings: Settings) -> list[Any]:
 
     from flows.bursts import submissions  # noqa: PLC0415
     from flows.days import earlier_days, newest_days  # noqa: PLC0415
-    from flows.upkeep import alerts, housekeeping, ingest, mock_burst  # noqa: PLC0415
+    from flows.upkeep import housekeeping, ingest, mock_burst  # noqa: PLC0415
 
-    flows = {
-        one.name: one for one in (submissions, newest_days, earlier_days, mock_burst, housekeeping, ingest, alerts)
-    }
+    flows = {one.name: one for one in (submissions, newest_days, earlier_days, mock_burst, housekeeping, ingest)}
     alone = ConcurrencyLimitConfig(limit=1, collision_strategy=ConcurrencyLimitStrategy.CANCEL_NEW)
     # counted from now, so that a worker that was away does at once what it missed
     first = datetime.now(UTC) + FIRST_RUN_AFTER

@@ -9,7 +9,6 @@ from bella.bursts.event import EVENT
 from bella.catalogue import Catalogue
 from bella.exceptions import NoDataError
 from bella.logs import log_to
-from bella.pipeline.alerts import deliver_for
 from bella.pipeline.run import sweep_store
 from bella.settings import Settings
 from flows.bursts import localise_burst
@@ -28,14 +27,6 @@ def mock_burst() -> None:
     """Send a simulated burst through the whole path."""
     log_to(None)
     import_module("bella.pipeline.mock").run_mock_burst(Settings())
-
-
-@flow(name="alerts")
-def alerts() -> int:
-    """Send alerts to their receivers every few seconds until the next run; returns how many were taken."""
-    log_to(None)
-    settings = Settings()
-    return deliver_for(settings, settings.alerts_schedule_s)
 
 
 @flow(name="housekeeping")

@@ -8,9 +8,9 @@ import hashlib
 import hmac
 import ipaddress
 import socket
-import time
-from collections.abc import Callable
-from contextlib import closing
+import threading
+from collections.abc import Callable, Iterator
+from contextlib import closing, contextmanager
 from dataclasses import dataclass
 from datetime import UTC, datetime, timedelta
 from urllib.parse import urlsplit
@@ -183,27 +183,32 @@ def deliver_alerts(settings: Settings, run_id: str = "alerts", now: Callable[[],
     return Delivered(taken, refused, away)
 
 
-def deliver_for(settings: Settings, duration_s: float, sleep: Callable[[float], None] = time.sleep) -> int:
-    """Deliver alerts again and again for a while: starting a process for each pass costs more than the pass.
+@contextmanager
+def delivering(settings: Settings, pause_s: float = PAUSE_S) -> Iterator[None]:
+    """Deliver alerts every few seconds beside a block, whatever becomes of one pass.
 
     Parameters
     ----------
     settings : Settings
-    duration_s : float
-    sleep : callable
-        Waits so many seconds.
-
-    Returns
-    -------
-    int
-        Alerts that were taken.
+    pause_s : float
+        Between two passes, s.
     """
-    end, taken = time.monotonic() + duration_s - PAUSE_S, 0
-    while True:
-        taken += deliver_alerts(settings).taken
-        if time.monotonic() >= end:
-            return taken
-        sleep(PAUSE_S)
+    ending = threading.Event()
+
+    def _deliver() -> None:
+        while not ending.wait(pause_s):
+            try:
+                deliver_alerts(settings, "delivering")
+            except Exception as error:  # noqa: BLE001 - what ends one pass must not end the next
+                log.warning("alerts not sent", reason=f"{type(error).__name__}: {error}")
+
+    thread = threading.Thread(target=_deliver, name="alerts", daemon=True)
+    thread.start()
+    try:
+        yield
+    finally:
+        ending.set()
+        thread.join(settings.webhook_timeout_s)
 
 
 @dataclass(frozen=True)

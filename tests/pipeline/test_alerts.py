@@ -20,7 +20,7 @@ import pytest
 from bella.catalogue import Catalogue, Webhook
 from bella.exceptions import InputError
 from bella.formats.alerts import alert_schema
-from bella.pipeline.alerts import Delivered, _is_public, check_address, deliver_alerts, deliver_for, signature, wait_s
+from bella.pipeline.alerts import Delivered, _is_public, check_address, deliver_alerts, delivering, signature, wait_s
 from bella.records import Origin
 from bella.settings import Settings
 from tests.catalogue.examples import burst, publication
@@ -315,13 +315,21 @@ def test_waits_double_up_to_half_an_hour() -> None:
     assert [wait_s(failures) for failures in (0, 1, 2, 7, 8, 10**6)] == [10.0, 20.0, 40.0, 1280.0, 1800.0, 1800.0]
 
 
-def test_passes_follow_one_another_until_the_time_is_over(service: Service, receiver: Receiver) -> None:
-    pauses: list[float] = []
+def test_alerts_are_sent_beside_other_work_until_it_ends(service: Service, receiver: Receiver) -> None:
+    with delivering(service.settings, 0.05):
+        service.publish("h1")
+        _until(lambda: receiver.sequences == [1])
+        receiver.answer = lambda _: 400
+        service.publish("h1", "T3-other")
+        _until(lambda: len(receiver.seen) == 2)
+    service.publish("h2")
+    assert not [one for one in threading.enumerate() if one.name == "alerts"]
+    assert receiver.sequences == [1]
 
-    def next_alert(pause_s: float) -> None:
-        pauses.append(pause_s)
-        service.publish(f"h{len(pauses)}")
 
-    assert deliver_for(service.settings, 5.5, next_alert) > 0
-    assert set(pauses) == {5.0}
-    assert receiver.sequences[0] == 1
+def _until(is_so: Callable[[], bool]) -> None:
+    for _ in range(1000):
+        if is_so():
+            return
+        threading.Event().wait(0.02)
+    raise AssertionError("it did not come to be")
