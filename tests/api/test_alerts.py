@@ -1,6 +1,9 @@
 """Alerts over HTTP: the list, the stream of a real server, and the feed."""
 
 import json
+import socket
+import threading
+import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import Any
@@ -9,9 +12,11 @@ from xml.etree import ElementTree as Xml
 import httpx
 import jsonschema
 import pytest
+import uvicorn
 from fastapi.testclient import TestClient
 
 from api.app import create_app
+from api.serve import options
 from bella.catalogue import Catalogue
 from bella.records import Origin
 from bella.settings import Settings
@@ -183,3 +188,18 @@ def test_the_feed_holds_the_newest_first_and_is_sent_once(told: Settings) -> Non
 def test_pages_name_the_feed(told: Settings) -> None:
     page = client_of(told).get("/", headers={"Accept": "text/html"}).text
     assert '<link rel="alternate" type="application/atom+xml" title="Alerts" href="/feed.atom">' in page
+
+
+def test_a_server_ends_although_a_stream_is_open(empty: Settings) -> None:
+    with socket.socket() as listener:
+        listener.bind(("127.0.0.1", 0))
+        server = uvicorn.Server(uvicorn.Config(create_app(empty), lifespan="off", **options()))
+        thread = threading.Thread(target=server.run, kwargs={"sockets": [listener]}, daemon=True)
+        thread.start()
+        while not server.started:
+            time.sleep(0.02)
+        with listening(f"http://127.0.0.1:{listener.getsockname()[1]}") as events:
+            next(events)
+            server.should_exit = True
+            thread.join(60)
+            assert not thread.is_alive()
