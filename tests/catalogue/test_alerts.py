@@ -1,6 +1,6 @@
 """The outbox: written with what it tells, once, in order; and what waits for each receiver."""
 
-from concurrent.futures import ThreadPoolExecutor
+from concurrent.futures import ThreadPoolExecutor, wait
 from datetime import UTC, datetime, timedelta
 from threading import Event
 
@@ -188,8 +188,9 @@ def test_publishers_at_once_number_their_alerts_without_gap_or_double(catalogue:
 
     with ThreadPoolExecutor(4) as pool:
         reader = pool.submit(read)
-        for done in [pool.submit(publish, worker) for worker in range(3)]:
-            done.result()
+        publishers = [pool.submit(publish, worker) for worker in range(3)]
+        wait(publishers)
         ended.set()
         reader.result(60)
+    assert [done.exception() for done in publishers] == [None] * 3
     assert seen == list(range(1, 25))
