@@ -11,6 +11,7 @@ from fastapi.staticfiles import StaticFiles
 from api.errors import DESCRIBED, install_error_handlers
 from api.headers import install_headers
 from api.routers import (
+    alerts,
     arrivals,
     bursts,
     days,
@@ -61,6 +62,7 @@ def create_app(settings: Settings | None = None) -> FastAPI:
     install_error_handlers(app)
     install_headers(app)
     for module in (
+        alerts,
         bursts,
         detections,
         solutions,

@@ -9,7 +9,7 @@ from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, field_valida
 
 from bella.catalogue import BurstQuery, Solution
 from bella.exceptions import InputError, NoDataError
-from bella.records import Origin, origins_asked
+from bella.records import ANNOUNCED_ORIGINS, Origin, origins_asked
 
 TIME_HINT = "write a UTC time as 2012-06-07 or 2012-06-07T19:30:00Z"
 
@@ -134,6 +134,30 @@ class DayFilter(OriginChoice):
         """Query of an address that asks for the same days, but none after this one."""
         asked = {name: value for name, value in self.model_dump(by_alias=True, exclude_unset=True).items() if value}
         return urlencode({**asked, "to": last})
+
+
+class AlertStreamFilter(OriginChoice):
+    """Which alerts are sent."""
+
+    after: int | None = Field(None, ge=0, description="Begin after the alert of this sequence number.")
+
+    @property
+    def announced(self) -> tuple[Origin, ...]:
+        """Origins whose alerts are asked for; without a word those that everybody gets."""
+        return ANNOUNCED_ORIGINS if self.origin is None else self.origins
+
+
+class AlertFilter(OriginChoice):
+    """Which alerts are listed."""
+
+    after: int = Field(0, ge=0, le=2**31 - 1, description="Alerts after the one of this sequence number.")
+    burst: str | None = Field(None, description="Burst that they are about; without it, all.")
+    limit: int = Field(100, ge=1, le=1000, description="Alerts per reply.")
+
+    @property
+    def announced(self) -> tuple[Origin, ...]:
+        """Origins whose alerts are asked for; without a word those that everybody gets."""
+        return ANNOUNCED_ORIGINS if self.origin is None else self.origins
 
 
 class SolutionChoice(_Query):

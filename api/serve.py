@@ -14,6 +14,8 @@ from api.reason_phrases import PhrasedProtocol
 HEAD_S, BODY_S = 10.0, 30.0
 """Longest time that a client may take to send the head of a request, and its body of at most a few MB."""
 KEEP_ALIVE_S = 5
+GRACE_S = 3
+"""Time to finish replies when the process is told to end: a stream of alerts would never finish by itself."""
 MOST_CONNECTIONS = 500
 """Connections at a time; above, those that have been sending the head of a request for longest are closed."""
 LARGEST_HEAD_BYTES = 16_384
@@ -81,6 +83,7 @@ def options() -> dict[str, Any]:
     return {
         "http": TimedProtocol,
         "timeout_keep_alive": KEEP_ALIVE_S,
+        "timeout_graceful_shutdown": GRACE_S,
         "h11_max_incomplete_event_size": LARGEST_HEAD_BYTES,
         "log_level": "warning",
         "proxy_headers": True,

@@ -1,5 +1,7 @@
 """What one application holds: its settings, its catalogue (opened when first asked for), and the open posteriors."""
 
+import math
+import time
 from functools import lru_cache, partial
 from threading import Lock
 from typing import Annotated
@@ -31,6 +33,10 @@ class Service:
         self.settings = settings
         self._catalogue: Catalogue | None = None
         self._opening = Lock()
+        self.streams = 0
+        """Streams of alerts that are open."""
+        self._looking = Lock()
+        self._newest_alert, self._looked_s = 0, -math.inf
         self._posterior = lru_cache(POSTERIORS_KEPT)(partial(open_group, settings.store_root))
         self._spectra = lru_cache(SPECTRA_KEPT)(partial(open_tree, settings.store_root))
 
@@ -48,6 +54,13 @@ class Service:
             if self._catalogue is None:
                 self._catalogue = Catalogue.open(self.settings.catalogue_url)
             return self._catalogue
+
+    def newest_alert(self, age_s: float) -> int:
+        """Sequence number of the newest alert, looked up unless it was within so many seconds."""
+        with self._looking:
+            if time.monotonic() - self._looked_s >= age_s:
+                self._newest_alert, self._looked_s = self.catalogue().last_alert(), time.monotonic()
+            return self._newest_alert
 
     def posterior(self, solution: Solution) -> xr.Dataset:
         """Posterior of a solution.

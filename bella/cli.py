@@ -33,6 +33,8 @@ from bella.cli_fetch import day_range, fetch
 from bella.cli_fit_track import EPILOG as FIT_TRACK_EPILOG
 from bella.cli_fit_track import fit_track
 from bella.cli_output import write_whole
+from bella.cli_prune import EPILOG as PRUNE_EPILOG
+from bella.cli_prune import prune
 from bella.cli_run import Asked, pipeline, progress_bars, run_days, run_event
 from bella.cli_simulate import EPILOG as SIMULATE_EPILOG
 from bella.cli_simulate import simulate
@@ -40,6 +42,7 @@ from bella.cli_spectra import EPILOG as FORMATS_EPILOG
 from bella.cli_spectra import formats
 from bella.cli_store import store_app
 from bella.cli_token import token_app
+from bella.cli_webhook import webhook_app
 from bella.exceptions import BellaError, InputError
 from bella.flags import APPARENT_SOURCE
 from bella.logs import log_to
@@ -61,6 +64,7 @@ app = typer.Typer(
 )
 app.add_typer(catalogue_app, name="catalogue")
 app.add_typer(token_app, name="token")
+app.add_typer(webhook_app, name="webhook")
 app.add_typer(store_app, name="store")
 
 out, err = Console(), Console(stderr=True)
@@ -241,6 +245,7 @@ app.command(epilog=DETECT_EPILOG)(detect)
 app.command(epilog=ARRIVALS_EPILOG)(arrivals)
 app.command(epilog=FETCH_EPILOG)(fetch)
 app.command(epilog=SIMULATE_EPILOG)(simulate)
+app.command(epilog=PRUNE_EPILOG)(prune)
 
 
 def _write_draws(posterior: Any, path: Path) -> None:

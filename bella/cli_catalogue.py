@@ -1,4 +1,4 @@
-"""The commands ``bella catalogue list``, ``show`` and ``prefer``, and the tables that ``bella run`` prints as well."""
+"""The commands ``bella catalogue list``, ``show``, ``prefer``, ``retract``, and tables that ``bella run`` prints."""
 
 import json
 import math
@@ -14,9 +14,11 @@ from rich.table import Table
 
 from bella.exceptions import InputError
 from bella.flags import APPARENT_SOURCE
+from bella.records import REAL_ORIGINS
 
 if TYPE_CHECKING:
     from bella.catalogue import BurstSummary, Catalogue
+    from bella.records import Origin
     from bella.settings import Settings
 
 out = Console()
@@ -25,6 +27,12 @@ Home = Annotated[
     Path | None, typer.Option(help="Folder that holds catalogue, store and figures.", show_default="bella-home")
 ]
 AsJson = Annotated[bool, typer.Option("--json", help="Print JSON instead of a table.")]
+OriginOption = Annotated[
+    str | None,
+    typer.Option(
+        help="archive, event, submission, user, simulated, test, or all.", show_default="all but simulated and test"
+    ),
+]
 BurstId = Annotated[str, typer.Argument(help="Such as T3-20120607-1929; bella catalogue list names them.")]
 ROWS_SHOWN = 9
 WHOLE = frozenset({"burst", "fit", "phi0, deg", "v_sw, km/s"})
@@ -38,23 +46,29 @@ catalogue_app = typer.Typer(help="Look into the catalogue of bursts, and choose 
 def list_bursts(
     home: Home = None,
     limit: Annotated[int, typer.Option(help="So many bursts at most, 1 to 1000.")] = 50,
+    origin: OriginOption = None,
+    retracted: Annotated[bool, typer.Option("--retracted", help="With those that were retracted.")] = False,
     as_json: AsJson = False,
 ) -> None:
     """List the bursts with their answers, earliest first."""
     from bella.catalogue import BurstQuery
 
+    asked = frozenset(origins_of(origin))
     with closing(open_catalogue(settings_of(home))) as catalogue:
-        page = catalogue.bursts(BurstQuery(limit=limit))
+        page = catalogue.bursts(BurstQuery(limit=limit, origins=asked, with_retracted=retracted))
     if as_json:
         out.print_json(json.dumps([burst_row(one) for one in page.bursts]))
         return
-    table = new_table(f"{len(page.bursts)} of {page.total} bursts", "burst", "heard by", "MHz", "answer", "pinned")
+    table = new_table(
+        f"{len(page.bursts)} of {page.total} bursts", "burst", "origin", "heard by", "MHz", "answer", "pinned"
+    )
     for one in page.bursts:
         burst, solution = one.burst, one.preferred
         band = f"{burst.f_low_mhz:g} - {burst.f_high_mhz:g}"
         pinned = "yes" if one.preference and one.preference.chosen_by == "person" else ""
         said = solution.answer.sentence if solution else "no solution"
-        table.add_row(burst.burst_id, ", ".join(burst.observatories), band, said, pinned)
+        said = f"retracted: {burst.retracted.reason}" if burst.retracted else said
+        table.add_row(burst.burst_id, burst.origin.value, ", ".join(burst.observatories), band, said, pinned)
     out.print(table)
 
 
@@ -107,6 +121,33 @@ def prefer(
         say_answer(catalogue.burst(burst_id))
 
 
+@catalogue_app.command("retract", epilog="Example: bella catalogue retract T3-20120607-1929 --reason 'interference'")
+def retract(
+    name: Annotated[str, typer.Argument(help="Id of a burst or of a solution.")],
+    reason: Annotated[str, typer.Option(help="Why, in one line; it is published.")],
+    home: Home = None,
+) -> None:
+    """Retract a burst or one solution: it stays where it is, marked, and is no answer any more."""
+    from bella.logs import log_to
+
+    settings = settings_of(home)
+    with closing(open_catalogue(settings)) as catalogue:
+        log_to(settings.home / "logs" / "bella.log")
+        burst_id = catalogue.retract(name, reason)
+        say(f"Retracted {name}")
+        say_answer(catalogue.burst(burst_id))
+
+
+def origins_of(text: str | None) -> "tuple[Origin, ...]":
+    """Origins that an option asks for."""
+    from bella.records import ALL_ORIGINS, Origin, origins_asked
+
+    try:
+        return origins_asked(text)
+    except ValueError as error:
+        raise InputError(f"--origin {text!r}: give one of {', '.join([*Origin, ALL_ORIGINS])}") from error
+
+
 def settings_of(home: Path | None) -> "Settings":
     """Settings of the environment; `home` wins, and is handed on to what reads the environment later."""
     from bella.settings import read_settings
@@ -129,6 +170,13 @@ def burst_row(one: "BurstSummary") -> dict[str, Any]:
     return {
         "burst_id": burst.burst_id,
         "start_utc": f"{burst.start_utc:%Y-%m-%dT%H:%M:%SZ}",
+        "origin": burst.origin.value,
+        "retracted": {
+            "reason": burst.retracted.reason,
+            "retracted_utc": f"{burst.retracted.retracted_utc:%Y-%m-%dT%H:%M:%SZ}",
+        }
+        if burst.retracted
+        else None,
         "observatories": list(burst.observatories),
         "f_low_mhz": burst.f_low_mhz,
         "f_high_mhz": burst.f_high_mhz,
@@ -207,6 +255,11 @@ def _fit_row(fit: dict[str, Any]) -> tuple[str, str, str, str]:
 def say_answer(summary: "BurstSummary") -> None:
     """The answer about a burst as the last line, and who chose it."""
     preferred, preference = summary.preferred, summary.preference
+    if summary.burst.origin not in REAL_ORIGINS:
+        say(f"{summary.burst.burst_id} is of {summary.burst.origin} data, not of the Sun")
+    if summary.burst.retracted is not None:
+        say(f"{summary.burst.burst_id}: retracted: {summary.burst.retracted.reason}")
+        return
     if preferred is None or preference is None:
         say(f"{summary.burst.burst_id}: no solution")
         return

@@ -86,6 +86,7 @@ def _follow(settings: "Settings") -> None:
     """Fetch until stopped; the age of a file says that this goes on, to whoever watches over the process."""
     from bella.archive import open_archive
     from bella.logs import log_to
+    from bella.pipeline.alerts import delivering
     from bella.pipeline.ingest import feeds, follow
 
     if not feeds(settings, datetime.now(UTC).date()):
@@ -98,7 +99,8 @@ def _follow(settings: "Settings") -> None:
         alive.touch()
     except OSError as error:
         raise InputError(f"mirror {alive.parent} cannot be written ({error.strerror}); correct BELLA_HOME") from error
-    follow(settings, _beat(alive))
+    with delivering(settings):  # of the services this one alone has a way out
+        follow(settings, _beat(alive))
 
 
 def _beat(alive: Path) -> "Callable[[], None]":

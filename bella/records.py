@@ -52,6 +52,11 @@ def burst_name(name: str, origin: Origin) -> str:
     return f"{_NAMESPACE[origin]}-{name.removeprefix('T3-')}" if origin in _NAMESPACE else name
 
 
+def is_named_for(name: str, origin: Origin) -> bool:
+    """Whether an id is of the namespace in which bursts of an origin have theirs."""
+    return name.partition("-")[0] == _NAMESPACE.get(origin, "T3")
+
+
 def origins_beside(origin: Origin) -> frozenset[Origin]:
     """Origins whose bursts data of an origin may refine: archive and built-in event refine one another."""
     shared = frozenset({Origin.ARCHIVE, Origin.EVENT})

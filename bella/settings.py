@@ -39,6 +39,22 @@ class Settings(BaseSettings):
     max_submission_bytes: PositiveInt = Field(
         default=2_000_000, description="Largest arrival table that is accepted over HTTP, bytes."
     )
+    heartbeat_s: float = Field(
+        default=30.0, gt=0, le=60, description="Interval at which a stream of alerts says that it is alive, s."
+    )
+    max_streams: PositiveInt = Field(
+        default=100, description="Streams of alerts that are served at a time; further ones are asked to come later."
+    )
+    public_url: str = Field(
+        default="", description="Address of the service as its readers know it, which alerts to webhooks point to."
+    )
+    private_webhooks: bool = Field(
+        default=False,
+        description="Whether alerts may be sent to addresses on this machine and in private networks, and without TLS.",
+    )
+    webhook_timeout_s: PositiveFloat = Field(
+        default=10.0, description="Silence of a receiver of alerts after which it counts as away, s."
+    )
     lease_s: PositiveFloat = Field(
         default=300.0, description="Time after which a run that has shown no sign of life counts as dead, s."
     )
@@ -133,7 +149,7 @@ class Settings(BaseSettings):
         return self.figures_root / burst_id / f"{name}-{series}.png"
 
     def day_figure(self, day: date, origin: Origin = Origin.ARCHIVE) -> Path:
-        """File of the figure of a searched day, drawn again whenever the day is searched again in data of its origin."""
+        """File of the figure of a searched day in data of an origin, drawn again whenever it is searched again."""
         mark = "" if origin is Origin.ARCHIVE else f"-{origin}"
         return self.figures_root / "days" / f"{day}{mark}.png"
 

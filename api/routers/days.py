@@ -11,7 +11,7 @@ from fastapi.responses import HTMLResponse
 from pydantic import ValidationError
 
 from api.asking import asked_of, fault_words
-from api.queries import DayFilter, OriginChoice, parse_day
+from api.queries import DayFilter, parse_day
 from api.rendering import render
 from api.schemas import day_links
 from api.service import CatalogueHere, ServiceHere
@@ -19,7 +19,7 @@ from api.wording import NOT_COMPARED
 from bella.catalogue import BurstQuery, Catalogue, DayPage, DaySummary, Detection, ObservedDay
 from bella.exceptions import InputError, NoDataError
 from bella.flags import REJECTED
-from bella.records import REAL_ORIGINS, Origin
+from bella.records import ALL_ORIGINS, REAL_ORIGINS, Origin, origins_asked
 
 router = APIRouter(include_in_schema=False)
 
@@ -75,7 +75,7 @@ def _months(days: Sequence[DaySummary]) -> list[tuple[str, list[DaySummary]]]:
 def day_page(request: Request, day: str, service: ServiceHere, catalogue: CatalogueHere) -> HTMLResponse:
     """What was heard on a searched day, drawn and in tables."""
     wanted = parse_day(day)
-    asked = OriginChoice.model_validate(asked_of(request)).origins
+    asked = _origins(request)
     known = catalogue.days(wanted, wanted, 1, asked).days
     summary = min(known, key=lambda one: asked.index(one.searched.origin), default=None)
     if summary is None:
@@ -97,8 +97,22 @@ def day_page(request: Request, day: str, service: ServiceHere, catalogue: Catalo
         rejected=[one for one in found if one.tier == REJECTED],
         before=before,
         after=after,
-        observed=_observed(catalogue, wanted),
+        observed=_observed(catalogue, wanted) if origins[0] in REAL_ORIGINS else None,
     )
+
+
+def _origins(request: Request) -> tuple[Origin, ...]:
+    """Origins that the query of an address asks for.
+
+    Raises
+    ------
+    InputError
+        Where there is no such origin.
+    """
+    try:
+        return origins_asked(request.query_params.get("origin") or None)
+    except ValueError as error:
+        raise InputError(f"origin: give one of {', '.join([*Origin, ALL_ORIGINS])}") from error
 
 
 def _observed(catalogue: Catalogue, day: date) -> ObservedDay | None:

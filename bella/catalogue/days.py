@@ -49,7 +49,7 @@ def days(
     """
     if not 1 <= limit <= MAX_DAYS:
         raise InputError(f"limit is {limit}: give 1 to {MAX_DAYS}")
-    wanted = [_DAYS.c.origin.in_(sorted(origins))]
+    wanted: list[ColumnElement[bool]] = [_DAYS.c.origin.in_(sorted(origins))]
     wanted += [_DAYS.c.day >= first] if first is not None else []
     wanted += [_DAYS.c.day <= last] if last is not None else []
     page = select(_DAYS.c.day).distinct().where(*wanted).order_by(_DAYS.c.day.desc()).limit(limit + 1)

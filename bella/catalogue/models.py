@@ -350,7 +350,8 @@ class AlertRow(Base):
     sequence: Mapped[int] = mapped_column(primary_key=True, autoincrement=False)
     alert_type: Mapped[str]
     origin: Mapped[str]
-    burst_id: Mapped[str] = mapped_column(ForeignKey("burst.burst_id"))
+    burst_id: Mapped[str]
+    """No foreign key: what was told stays where a mock burst is forgotten."""
     solution_id: Mapped[str | None]
     created_utc: Mapped[datetime] = mapped_column(UtcTime)
     body: Mapped[dict[str, Any]] = mapped_column(JSON)

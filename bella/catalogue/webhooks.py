@@ -3,7 +3,7 @@
 import secrets
 from datetime import UTC, datetime
 
-from sqlalchemy import Connection, Engine, Row, delete, func, insert, select, update
+from sqlalchemy import ColumnElement, Connection, Engine, Row, delete, func, insert, select, update
 
 from bella.catalogue.alerts import alert_of
 from bella.catalogue.engine import reading, writing
@@ -97,7 +97,7 @@ def due(engine: Engine, webhook_id: str, now: datetime, limit: int) -> tuple[Del
 def note_taken(engine: Engine, webhook_id: str, sequence: int) -> None:
     """Note that a receiver took an alert, or that it is given up."""
     with writing(engine) as connection:
-        connection.execute(delete(_WAITING).where(*_is(webhook_id, sequence)))
+        connection.execute(delete(_WAITING).where(_is(webhook_id, sequence)))
         connection.execute(update(_HOOKS).where(_HOOKS.c.webhook_id == webhook_id).values(failures=0, message=""))
 
 
@@ -105,7 +105,7 @@ def note_refused(engine: Engine, webhook_id: str, sequence: int, message: str, a
     """Note that a receiver refused this one alert: it waits, and with it all that follow of its burst."""
     with writing(engine) as connection:
         values = {"attempts": _WAITING.c.attempts + 1, "next_attempt_utc": again_utc}
-        connection.execute(update(_WAITING).where(*_is(webhook_id, sequence)).values(values))
+        connection.execute(update(_WAITING).where(_is(webhook_id, sequence)).values(values))
         connection.execute(update(_HOOKS).where(_HOOKS.c.webhook_id == webhook_id).values(message=message))
 
 
@@ -116,8 +116,8 @@ def note_away(engine: Engine, webhook_id: str, message: str, again_utc: datetime
         connection.execute(update(_HOOKS).where(_HOOKS.c.webhook_id == webhook_id).values(values))
 
 
-def _is(webhook_id: str, sequence: int) -> tuple[object, object]:
-    return _WAITING.c.webhook_id == webhook_id, _WAITING.c.sequence == sequence
+def _is(webhook_id: str, sequence: int) -> ColumnElement[bool]:
+    return (_WAITING.c.webhook_id == webhook_id) & (_WAITING.c.sequence == sequence)
 
 
 def _one(connection: Connection, webhook_id: str, *, removed: bool = False) -> Webhook:

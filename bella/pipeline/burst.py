@@ -19,7 +19,7 @@ import xarray as xr
 import bella
 from bella.answer import read_track, wind_gap
 from bella.arrivals import MIN_OBSERVATORIES, ArrivalGrid, arrival_grid, locate_receivers
-from bella.catalogue import Burst, Catalogue, Lease, Series, Solution, SolutionTimes, edge_rank
+from bella.catalogue import Catalogue, Lease, Series, Solution, SolutionTimes, edge_rank
 from bella.exceptions import ConvergenceError, InputError, NoDataError, NotPlacedError
 from bella.flags import APPARENT_SOURCE
 from bella.multilateration import localise
@@ -31,7 +31,7 @@ from bella.pipeline.progress import counter
 from bella.pipeline.publication import Draft, inputs_hash, publish, store_spectra
 from bella.pipeline.surroundings import Surroundings, surroundings_of
 from bella.pipeline.tracks import Timing, fitted_track
-from bella.records import JointTrack, Origin, PreliminaryLevel, Track
+from bella.records import JointTrack, PreliminaryLevel, Track
 from bella.settings import Settings
 from bella.tracks import fit_preliminary, level_of
 
@@ -157,7 +157,7 @@ def localise_given(
     """
     around = surroundings_of(given.burst.start_utc, settings)
     spectra_path = store_spectra(given.spectra, given.burst, catalogue, settings)
-    burst = with_origin(replace(given.burst, spectra_path=spectra_path), given.origin)
+    burst = replace(given.burst, spectra_path=spectra_path, origin=given.origin)
     given = replace(given, burst=burst, sources=(*given.sources, *around.sources()))
     work = _Work(given, choice, catalogue, settings, lease, around)
     outcomes = work.every_edge() if len(burst.observatories) >= MIN_OBSERVATORIES else [work.preliminary()]
@@ -165,12 +165,6 @@ def localise_given(
     draw_burst(given, drawn, settings, around)
     # a later one of these may have become the preferred solution
     return [replace(one, solution=catalogue.solution(one.solution.solution_id)) for one in outcomes]
-
-
-def with_origin(burst: Burst, origin: Origin) -> Burst:
-    """Record of a burst with where its data come from, where the catalogue keeps it."""
-    known: dict[str, Any] = {"origin": origin} if "origin" in Burst.__dataclass_fields__ else {}
-    return replace(burst, **known)
 
 
 @dataclass(frozen=True)

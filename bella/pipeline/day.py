@@ -39,6 +39,7 @@ from bella.flags import CATALOGUED, LOCALISABLE
 from bella.pipeline.directions import burst_directions
 from bella.pipeline.inputs import BurstInput, aware, origin_of
 from bella.pipeline.mirror import DayFiles, check_content
+from bella.records import Origin, burst_name, is_named_for
 from bella.spectra import by_observatory, open_spectra
 
 log = structlog.get_logger(__name__)
@@ -115,6 +116,11 @@ class FoundDay:
         """Spacecraft that had data."""
         return tuple(str(one.attrs["observatory"]) for one in self.spectra)
 
+    @property
+    def origin(self) -> Origin:
+        """Where its spectra come from."""
+        return origin_of(self.spectra)
+
 
 def search_day(files: DayFiles, known: Sequence[KnownBurst]) -> FoundDay:
     """Read the spectra of a day, search them, compare spacecraft, and time the bursts that can be localised.
@@ -143,7 +149,8 @@ def search_day(files: DayFiles, known: Sequence[KnownBurst]) -> FoundDay:
     table = association_table(bursts, searched)
     inside = (table["start_utc"] >= midnight) & (table["start_utc"] < midnight + DAY)
     kept = table[inside | (table["burst_id"] != "")].reset_index(drop=True)
-    names = known_burst_ids(known, bursts)
+    origin = origin_of(spectra.values())
+    names = known_burst_ids([one for one in known if is_named_for(one[0], origin)], bursts, origin)
     found = tuple(_timed(files, one, names[one.burst_id]) for one in bursts)
     return FoundDay(files, tuple(one.over for one in searched), found, kept, damaged)
 
@@ -323,7 +330,10 @@ def known_bursts(catalogue: Catalogue, first: date, last: date) -> tuple[KnownBu
         By onset.
     """
     start = datetime.combine(first, time(), UTC) - SAME_ACROSS_MIDNIGHT
-    query = BurstQuery(start=start, stop=datetime.combine(last + DAY, time(), UTC) + SAME_ACROSS_MIDNIGHT, limit=1000)
+    stop = datetime.combine(last + DAY, time(), UTC) + SAME_ACROSS_MIDNIGHT
+    # those of submissions are never refined; what was retracted keeps its id
+    origins = frozenset(Origin) - {Origin.SUBMISSION}
+    query = BurstQuery(start=start, stop=stop, limit=1000, origins=origins, with_retracted=True)
     found: list[KnownBurst] = []
     while True:
         page = catalogue.bursts(query)
@@ -333,15 +343,19 @@ def known_bursts(catalogue: Catalogue, first: date, last: date) -> tuple[KnownBu
         query = replace(query, cursor=page.next_cursor)
 
 
-def known_burst_ids(known: Iterable[KnownBurst], bursts: Sequence[AssociatedBurst]) -> dict[str, str]:
+def known_burst_ids(
+    known: Iterable[KnownBurst], bursts: Sequence[AssociatedBurst], origin: Origin = Origin.ARCHIVE
+) -> dict[str, str]:
     """Ids of bursts in the catalogue: of the one there which each is, or its own.
 
     Parameters
     ----------
     known : iterable of (str, datetime)
-        Bursts of the catalogue.
+        Bursts of the catalogue that are of the same origin.
     bursts : sequence of AssociatedBurst
         Of one day.
+    origin : Origin
+        Of their data.
 
     Returns
     -------
@@ -359,7 +373,7 @@ def known_burst_ids(known: Iterable[KnownBurst], bursts: Sequence[AssociatedBurs
     for _, own, burst_id in sorted(apart):
         if own not in names and burst_id not in names.values():
             names[own] = burst_id
-    return {burst.burst_id: burst.burst_id for burst in bursts} | names
+    return {burst.burst_id: burst_name(burst.burst_id, origin) for burst in bursts} | names
 
 
 def detection_records(table: pd.DataFrame, verdicts: dict[str, tuple[str, str]]) -> list[Detection]:

@@ -18,7 +18,7 @@ from bella.bursts.matched_filter import over_quiet
 from bella.catalogue import Detection, Solution
 from bella.exceptions import BellaError, StoreError
 from bella.pipeline.day import day_spectra
-from bella.pipeline.inputs import BurstInput
+from bella.pipeline.inputs import BurstInput, origin_of
 from bella.pipeline.mirror import DayFiles
 from bella.pipeline.progress import counter
 from bella.pipeline.surroundings import Surroundings, draw_wind, has_wind
@@ -155,7 +155,7 @@ def draw_day(day: date, spectra: Sequence[xr.Dataset], found: Sequence[Detection
     bool
         Whether it is drawn. If not, an earlier figure is gone too: it would not fit what is now known of the day.
     """
-    path = settings.day_figure(day)
+    path = settings.day_figure(day, origin_of(spectra))
     try:
         write_day_png(path, day, spectra, detection_frame(found))
     except Exception as error:  # noqa: BLE001 - a picture is not worth a day, whatever keeps it from being drawn

@@ -37,7 +37,7 @@ from bella.pipeline.observability import observed_day
 from bella.pipeline.outcome import FAILED, NOTHING_NEW, SEARCHED, DayOutcome
 from bella.pipeline.progress import counter
 from bella.pipeline.workers import Workers
-from bella.records import DayAnswer
+from bella.records import REAL_ORIGINS, DayAnswer, Origin
 from bella.settings import Settings
 from bella.store import sweep
 
@@ -212,7 +212,6 @@ def finished_before(files: DayFiles, catalogue: Catalogue, settings: Settings) -
     -------
     DayOutcome or None
     """
-    known = catalogue.searched_day(files.day)
     if not files.paths:
         answer = DayAnswer.ARCHIVE_SILENT if files.silent else DayAnswer.NO_DATA
         reason = f"the archive did not answer for {', '.join(files.silent)}" if files.silent else ""
@@ -221,10 +220,14 @@ def finished_before(files: DayFiles, catalogue: Catalogue, settings: Settings) -
         kept = catalogue.searched_day(files.day) or record
         state = answer.value if kept.answer == answer else NOTHING_NEW
         return DayOutcome(files.day, state, kept.answer, kept.observatories, message=kept.reason)
-    if known is None or (known.inputs_hash, known.code_version) != (files.inputs_hash, bella.__version__):
+    same = (files.inputs_hash, bella.__version__)
+    kept_days = [catalogue.searched_day(files.day, (origin,)) for origin in Origin]
+    known = next((one for one in kept_days if one and (one.inputs_hash, one.code_version) == same), None)
+    if known is None:
         return None
-    if known.answer is not DayAnswer.NOT_SEARCHABLE and not settings.day_figure(files.day).is_file():
-        redraw_day(files, catalogue.detections_of(files.day), settings)
+    origin = known.origin
+    if known.answer is not DayAnswer.NOT_SEARCHABLE and not settings.day_figure(files.day, origin).is_file():
+        redraw_day(files, catalogue.detections_of(files.day, (origin,)), settings)
     return DayOutcome(files.day, NOTHING_NEW, known.answer, known.observatories, message=known.reason)
 
 
@@ -267,14 +270,22 @@ def process_day(files: DayFiles, known: Sequence[KnownBurst], run: Run) -> DayOu
         verdicts = {one.name: (one.burst_id, _reason(one, bursts.get(one.burst_id))) for one in found.bursts}
         records = detection_records(found.table, verdicts)
         run.workers.call(draw_day, day, found.spectra, records, settings)
-        catalogue.operation.record_observed(run.workers.call(observed_day, day, found.spectra), files.inputs_hash)
-        catalogue.record_day(_record_of(files, outcome), records, lease)
+        if found.origin in REAL_ORIGINS:
+            catalogue.operation.record_observed(run.workers.call(observed_day, day, found.spectra), files.inputs_hash)
+        catalogue.record_day(_record_of(files, outcome, found.origin), records, lease)
         return outcome
 
 
-def _record_of(files: DayFiles, outcome: DayOutcome) -> SearchedDay:
-    answer = outcome.answer or DayAnswer.NO_BURST
-    return SearchedDay(files.day, files.inputs_hash, bella.__version__, outcome.observatories, answer, outcome.message)
+def _record_of(files: DayFiles, outcome: DayOutcome, origin: Origin = Origin.ARCHIVE) -> SearchedDay:
+    return SearchedDay(
+        files.day,
+        files.inputs_hash,
+        bella.__version__,
+        outcome.observatories,
+        outcome.answer or DayAnswer.NO_BURST,
+        outcome.message,
+        origin,
+    )
 
 
 def _reason(burst: FoundBurst, done: BurstOutcome | None) -> str:

@@ -5,6 +5,7 @@ its burst; its state moves from the source files to a table of its own.
 """
 
 from collections.abc import Mapping
+from datetime import datetime
 
 import sqlalchemy as sa
 from alembic import op
@@ -55,7 +56,7 @@ def text(name: str, *, nullable: bool = False, default: str | None = None) -> sa
     return sa.Column(name, sa.String(), nullable=nullable, server_default=default)
 
 
-def utc(name: str, *, nullable: bool = False) -> sa.Column[object]:
+def utc(name: str, *, nullable: bool = False) -> sa.Column[datetime]:
     """Column of times with the zone UTC."""
     return sa.Column(name, UTC_TIME, nullable=nullable)
 
@@ -247,7 +248,6 @@ def make_outbox() -> None:
         utc("created_utc"),
         sa.Column("body", sa.JSON(), nullable=False),
         sa.PrimaryKeyConstraint("sequence", name=op.f("pk_alert")),
-        sa.ForeignKeyConstraint(["burst_id"], ["burst.burst_id"], name=op.f("fk_alert_burst_id_burst")),
     )
     op.create_index("ix_alert_burst_id_sequence", "alert", ["burst_id", "sequence"])
     op.create_table(

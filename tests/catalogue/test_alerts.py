@@ -1,6 +1,8 @@
 """The outbox: written with what it tells, once, in order; and what waits for each receiver."""
 
+from concurrent.futures import ThreadPoolExecutor, wait
 from datetime import UTC, datetime, timedelta
+from threading import Event
 
 import pytest
 
@@ -167,3 +169,28 @@ def test_a_receiver_that_was_removed_gets_nothing(catalogue: Catalogue) -> None:
     for name in (own, "none"):
         with pytest.raises(NoDataError, match=f"there is no webhook {name}"):
             catalogue.remove_webhook(name)
+
+
+def test_publishers_at_once_number_their_alerts_without_gap_or_double(catalogue: Catalogue, catalogue_url: str) -> None:
+    """A reader that goes on after the highest number it saw must never have missed a lower one."""
+    seen: list[int] = []
+    ended = Event()
+
+    def publish(worker: int) -> None:
+        with Catalogue.open(catalogue_url) as own:
+            for number in range(8):
+                own.publish(publication(of=burst(f"T3-{worker}-{number}")))
+
+    def read() -> None:
+        with Catalogue.open(catalogue_url) as own:
+            while not (ended.is_set() and seen[-1:] == [own.last_alert()]):
+                seen.extend(one.sequence for one in own.alerts(after=max(seen, default=0)))
+
+    with ThreadPoolExecutor(4) as pool:
+        reader = pool.submit(read)
+        publishers = [pool.submit(publish, worker) for worker in range(3)]
+        wait(publishers)
+        ended.set()
+        reader.result(60)
+    assert [done.exception() for done in publishers] == [None] * 3
+    assert seen == list(range(1, 25))

@@ -5,6 +5,7 @@ import os
 import subprocess
 import sys
 from collections.abc import Iterator
+from datetime import date
 from pathlib import Path
 from typing import Any
 
@@ -20,6 +21,8 @@ from bella.catalogue.engine import connect, parse_url, reading, writing
 from bella.catalogue.models import Base
 from bella.catalogue.schema import REVISION_TABLE, migration_config, revision_of
 from bella.exceptions import StoreError
+from bella.records import Origin
+from tests.catalogue.examples import burst as burst_of
 from tests.catalogue.examples import publication
 
 REVISIONS = [one.revision for one in ScriptDirectory.from_config(migration_config()).walk_revisions()][::-1]
@@ -164,3 +167,50 @@ def test_older_solutions_are_graded_and_every_burst_has_a_preferred_one(engine: 
     assert preference is not None
     assert (preference.chosen_by, preference.series) == ("rule", newest.series)
     assert after["T3-20120607-1929.half_rise.posterior.default.2d.v1"].answer.sentence.startswith("no track")
+
+
+def test_days_detections_sources_and_submissions_of_before_are_kept(engine: Engine, database_url: str) -> None:
+    """Rows as revision 0003 has them, read by what is there now."""
+    migrate(engine, "0003")
+    day = "INSERT INTO searched_day VALUES ('2020-07-21', 'h', '0.2.0', 'WIND SOLO', '2026-01-01 00:00:00')"
+    burst = "INSERT INTO burst VALUES ('{0}', '2012-06-07 19:29:00', '2012-06-07 20:09:00', 0.1, 10.0, {1})"
+    detection = (
+        "INSERT INTO detection VALUES ({0}, '2020-07-21', 'WIND', '2020-07-21 03:0{0}:00', '2020-07-21 03:10:00', "
+        "'2020-07-21 03:20:00', 0.1, 10.0, 9.0, 0.2, 12.0, 40, true, 'localisable', '', 'T3-20200721-0300')"
+    )
+    source = (
+        "INSERT INTO source_file VALUES ({0}, '{1}', '2012-06-07', '1', '{2}', '{3}', 'x.csv', '{4}', {5}, "
+        "'2026-01-01 00:00:00', '2026-01-02 00:00:00')"
+    )
+    statements = [
+        day,
+        *(detection.format(number) for number in (2, 5)),
+        burst.format("T3-20120607-1929", "'T3/spectra.zarr'"),
+        burst.format("T3-20120607-2100", "NULL"),
+        source.format(3, "WI_H1_WAV", "ab" * 32, "used", "", "NULL"),
+        source.format(4, "arrival_table", "cd" * 32, "done", "", "'T3-20120607-2100'"),
+        source.format(7, "arrival_table", "ef" * 32, "received", "", "NULL"),
+    ]
+    with writing(engine) as connection:
+        for statement in statements:
+            connection.exec_driver_sql(statement)
+    with Catalogue.open(database_url, create=True) as catalogue:
+        known = catalogue.searched_day(date(2020, 7, 21))
+        assert known is not None
+        assert (known.origin, known.observatories) == (Origin.ARCHIVE, ("WIND", "SOLO"))
+        found = catalogue.detections_of(date(2020, 7, 21))
+        assert [(one.start_utc.minute, one.origin) for one in found] == [(2, Origin.ARCHIVE), (5, Origin.ARCHIVE)]
+        origins = {one.burst.burst_id: one.burst.origin for one in catalogue.bursts().bursts}
+        assert origins == {"T3-20120607-1929": Origin.EVENT, "T3-20120607-2100": Origin.SUBMISSION}
+        done, lost = (catalogue.submission(f"S-{name * 32}") for name in ("cd", "ef"))
+        assert (done.state, done.burst_id) == ("done", "T3-20120607-2100")
+        assert (lost.state, lost.message) == ("failed", "it waited while the service was upgraded: submit it again")
+        solution = catalogue.publish(publication(of=burst_of("T3-new")))
+        assert len(catalogue.sources(solution.solution_id)) == 1
+    migrate(engine, "0003")
+    with reading(engine) as connection:
+        kept = connection.exec_driver_sql("SELECT source_id, dataset FROM source_file ORDER BY source_id").all()
+        days = connection.exec_driver_sql("SELECT count(*) FROM detection").scalar()
+    assert [tuple(row) for row in kept[:3]] == [(3, "WI_H1_WAV"), (4, "arrival_table"), (7, "arrival_table")]
+    assert len(kept) == 4
+    assert days == 2

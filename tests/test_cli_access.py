@@ -1,0 +1,158 @@
+"""Commands of the operator: tokens, webhooks, retractions, origins and pruning."""
+
+import json
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+from click.testing import Result
+from typer.testing import CliRunner
+
+from bella.catalogue import Catalogue
+from bella.cli import app
+from bella.exceptions import BellaError
+from bella.records import Origin
+from bella.settings import Settings
+from tests.api.published import published, settings_of, synthetic_burst
+from tests.plotting.synthetic import BURST_ID
+
+Command = Callable[..., Result]
+
+
+@pytest.fixture
+def settings(tmp_path: Path) -> Settings:
+    made = settings_of(tmp_path / "home")
+    made.store_root.mkdir(parents=True)
+    Catalogue.open(made.catalogue_url, create=True).close()
+    return made
+
+
+@pytest.fixture
+def bella(settings: Settings, monkeypatch: pytest.MonkeyPatch) -> Command:
+    monkeypatch.setenv("BELLA_HOME", str(settings.home))
+    monkeypatch.delenv("BELLA_DATABASE_URL", raising=False)
+
+    def run(*arguments: str) -> Result:
+        return CliRunner().invoke(app, [*arguments])
+
+    return run
+
+
+def fault_of(result: Result) -> BellaError:
+    assert isinstance(result.exception, BellaError), result.output
+    return result.exception
+
+
+def test_a_token_is_shown_once_and_revoked_for_good(bella: Command, settings: Settings) -> None:
+    made = json.loads(bella("token", "create", "--name", "Ann", "--json").output)
+    with Catalogue.open(settings.catalogue_url) as catalogue:
+        token = catalogue.token_of(made["token"])
+        assert token is not None
+        assert (token.token_id, token.name) == (made["token_id"], "Ann")
+    listed = bella("token", "list", "--json").output
+    assert made["token"] not in listed
+    assert [one["name"] for one in json.loads(listed)] == ["Ann"]
+    assert json.loads(listed)[0]["revoked_utc"] is None
+    assert "is revoked" in bella("token", "revoke", made["token_id"]).output
+    assert json.loads(bella("token", "list", "--json").output)[0]["revoked_utc"].endswith("Z")
+    assert made["token_id"] in bella("token", "list").output
+    words = bella("token", "create", "--name", "Bob").output.split()
+    assert words[-1].startswith("bella_")
+
+
+def test_a_token_that_is_not_there_and_a_bad_name_say_what_to_do(bella: Command) -> None:
+    assert "bella token list" in str(fault_of(bella("token", "revoke", "none")))
+    bad = fault_of(bella("token", "create", "--name", ""))
+    assert (bad.exit_code, "--name must be one line" in str(bad)) == (2, True)
+
+
+def test_a_webhook_is_added_listed_and_removed(bella: Command, settings: Settings) -> None:
+    made = json.loads(bella("webhook", "add", "https://8.8.8.8/bella", "--tests", "--json").output)
+    listed = bella("webhook", "list", "--json").output
+    assert made["secret"] not in listed
+    assert json.loads(listed) == [
+        {
+            "webhook_id": made["webhook_id"],
+            "url": "https://8.8.8.8/bella",
+            "tests": True,
+            "waiting": 0,
+            "failures": 0,
+            "message": "",
+        }
+    ]
+    with Catalogue.open(settings.catalogue_url) as catalogue:
+        assert catalogue.webhooks()[0].secret == made["secret"]
+    assert made["webhook_id"] in bella("webhook", "list").output
+    assert "is removed" in bella("webhook", "remove", made["webhook_id"]).output
+    assert json.loads(bella("webhook", "list", "--json").output) == []
+
+
+@pytest.mark.parametrize("url", ["https://127.0.0.1/", "https://[::1]/", "http://8.8.8.8/", "https://10.0.0.1/"])
+def test_a_webhook_on_a_private_address_is_refused_unless_it_is_allowed(
+    bella: Command, url: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    fault = fault_of(bella("webhook", "add", url))
+    assert fault.exit_code == 2
+    assert "BELLA_PRIVATE_WEBHOOKS=true" in str(fault)
+    monkeypatch.setenv("BELLA_PRIVATE_WEBHOOKS", "true")
+    assert bella("webhook", "add", url).exit_code == 0
+
+
+def test_what_is_retracted_is_listed_only_when_asked_for(bella: Command, settings: Settings) -> None:
+    with Catalogue.open(settings.catalogue_url) as catalogue:
+        solution = published(settings, catalogue)
+    said = bella("catalogue", "retract", BURST_ID, "--reason", "timed on interference")
+    assert said.output.splitlines()[-1] == f"{BURST_ID}: retracted: timed on interference"
+    assert json.loads(bella("catalogue", "list", "--json").output) == []
+    (row,) = json.loads(bella("catalogue", "list", "--retracted", "--json").output)
+    assert row["retracted"]["reason"] == "timed on interference"
+    assert row["preferred"] is None
+    assert row["solutions"] == [solution.solution_id]
+    again = fault_of(bella("catalogue", "retract", BURST_ID, "--reason", "again"))
+    assert "was retracted on" in str(again)
+    assert (settings.store_root / solution.store_path).is_dir()
+
+
+def test_data_that_are_not_real_are_listed_only_when_asked_for(bella: Command, settings: Settings) -> None:
+    with Catalogue.open(settings.catalogue_url) as catalogue:
+        from dataclasses import replace
+
+        published(settings, catalogue, burst=replace(synthetic_burst(burst_id="SIM-1"), origin=Origin.SIMULATED))
+        published(settings, catalogue)
+    for option, expected in (((), [BURST_ID]), (("--origin", "simulated"), ["SIM-1"])):
+        rows = json.loads(bella("catalogue", "list", "--json", *option).output)
+        assert [row["burst_id"] for row in rows] == expected
+    rows = json.loads(bella("catalogue", "list", "--json", "--origin", "all").output)
+    assert {row["origin"] for row in rows} == {"archive", "simulated"}
+    assert "simulated data, not of the Sun" in bella("catalogue", "show", "SIM-1").output
+    assert "give one of archive" in str(fault_of(bella("catalogue", "list", "--origin", "martian")))
+
+
+def test_pruning_takes_the_draws_of_superseded_solutions_alone(bella: Command, settings: Settings) -> None:
+    from bella.store import open_group, sweep
+
+    with Catalogue.open(settings.catalogue_url) as catalogue:
+        old = published(settings, catalogue)
+        new = published(settings, catalogue, inputs_hash="b" * 64)
+    before = open_group(settings.store_root, old.store_path).load()
+    planned = json.loads(bella("prune", "--older-than", "0d", "--dry-run", "--json").output)
+    assert planned == [{"solution_id": old.solution_id, "draws": before.sizes["draw"]}]
+    assert "1 superseded solutions lost their draws" in bella("prune", "--older-than", "0h").output
+    assert json.loads(bella("prune", "--older-than", "0d", "--json").output) == []
+    with Catalogue.open(settings.catalogue_url) as catalogue:
+        pruned, kept = catalogue.solution(old.solution_id), catalogue.solution(new.solution_id)
+        sweep(settings.store_root, catalogue.referenced_paths(), 0.0)
+    assert pruned.pruned_utc is not None
+    assert (kept.pruned_utc, kept.store_path) == (None, new.store_path)
+    after = open_group(settings.store_root, pruned.store_path)
+    assert "draw" not in after.dims
+    assert {"arrival_s", "x_rsun", "y_rsun"} <= set(after.variables)
+    assert after.attrs == before.attrs
+    assert (after["arrival_s"] == before["arrival_s"]).all()
+    assert not (settings.store_root / old.store_path).exists()
+    assert (settings.store_root / new.store_path).is_dir()
+
+
+@pytest.mark.parametrize("text", ["", "180", "-1d", "1.5d", "for ever"])
+def test_a_duration_that_is_none_says_how_to_write_it(bella: Command, text: str) -> None:
+    assert "write 180d, 12h or 26w" in str(fault_of(bella("prune", "--older-than", text)))
