@@ -349,7 +349,7 @@ def _named(row: Row[Any]) -> dict[str, Any]:
 def _latency(rows: Sequence[Row[Any]], since: str) -> Latency:
     """Quantiles of the time from one of the columns to the publication; those without that time are left out."""
     steps = [row.published_utc - getattr(row, since) for row in rows if getattr(row, since) is not None]
-    ordered = sorted(step / timedelta(seconds=1) for step in steps)
+    ordered: list[float] = sorted(step / timedelta(seconds=1) for step in steps)
     if not ordered:
         return Latency(0, None, None, None, None)
 
