@@ -8,7 +8,8 @@ from urllib.parse import urlencode
 from pydantic import BaseModel, ConfigDict, Field
 
 from api.wording import APPARENT_SOURCE
-from bella.catalogue import Burst, BurstSummary, DaySummary, Detection, SearchedDay, Solution, Submission
+from bella.catalogue import UNSEARCHED, Burst, BurstSummary, DaySummary, Detection, SearchedDay, Solution, Submission
+from bella.records import DayAnswer
 
 API = "/api/v1"
 
@@ -56,6 +57,8 @@ class DayReply(Reply):
 
     day: date
     searched: bool = Field(description="False where no file of the day was processed.")
+    answer: DayAnswer | None = Field(description="What can be said of the day; null where it was not looked at.")
+    reason: str = Field(description="Why it could not be searched, or which files were left out; mostly empty.")
     observatories: list[str] = Field(description="Spacecraft that had data; the others had none.")
     code_version: str | None
 
@@ -63,14 +66,23 @@ class DayReply(Reply):
     def of(cls, day: date, known: SearchedDay | None) -> "DayReply":
         """Reply for a day, with what the catalogue has of it."""
         if known is None:
-            return cls(day=day, searched=False, observatories=[], code_version=None)
-        return cls(day=day, searched=True, observatories=list(known.observatories), code_version=known.code_version)
+            return cls(day=day, searched=False, answer=None, reason="", observatories=[], code_version=None)
+        return cls(
+            day=day,
+            searched=known.answer not in UNSEARCHED,
+            answer=known.answer,
+            reason=known.reason,
+            observatories=list(known.observatories),
+            code_version=known.code_version,
+        )
 
 
 class DaySummaryReply(Reply):
     """A searched day with how much was heard on it."""
 
     day: date
+    answer: DayAnswer = Field(description="What can be said of the day.")
+    reason: str = Field(description="Why it could not be searched, or which files were left out; mostly empty.")
     observatories: list[str] = Field(description="Spacecraft that had data; the others had none.")
     detections: int = Field(description="Bursts as single spacecraft heard them.")
     rejected: int = Field(description="Candidates that were refused.")
@@ -87,6 +99,8 @@ class DaySummaryReply(Reply):
         known = one.searched
         return cls(
             day=known.day,
+            answer=known.answer,
+            reason=known.reason,
             observatories=list(known.observatories),
             code_version=known.code_version,
             links=day_links(known.day),

@@ -525,7 +525,7 @@ def why_not_timed(timed: TimedBurst, needed: Sequence[str]) -> str:
     str
     """
     bands = timed.bands_mhz
-    if len(bands) < FEWEST_SPACECRAFT:
+    if len(bands) < min(FEWEST_SPACECRAFT, len(needed)):
         without = [name for name in needed if name not in bands]
         return f"not localisable: fewer than {FEWEST_EDGES} good edges at {', '.join(without)}"
     frequency_mhz = shared_frequencies_mhz(timed, DRIFT_STEPS)

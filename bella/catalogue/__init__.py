@@ -1,6 +1,7 @@
 """The catalogue in SQL: bursts, versioned solutions and leases of runs; the only importer of SQLAlchemy."""
 
 from bella.catalogue.catalogue import Catalogue
+from bella.catalogue.detections import UNSEARCHED
 from bella.catalogue.leases import Lease
 from bella.catalogue.observability import FleetMap, ObservedDay, ReceiverDay
 from bella.catalogue.operation import Freshness, Latency, MockRun, Operation, SolutionTimes, Work
@@ -26,6 +27,7 @@ from bella.catalogue.records import (
 )
 
 __all__ = [
+    "UNSEARCHED",
     "Burst",
     "BurstPage",
     "BurstQuery",

@@ -96,7 +96,7 @@ def searched_day(engine: Engine, day: date) -> SearchedDay | None:
 def searched_day_of(row: Row[Any]) -> SearchedDay:
     """Record of a row of the searched days."""
     heard, answer = tuple(row.observatories.split()), DayAnswer(row.answer)
-    return SearchedDay(row.day, row.inputs_hash, row.code_version, heard, answer, row.reason)
+    return SearchedDay(row.day, row.inputs_hash, row.code_version, heard, answer, row.reason or "")
 
 
 def detections(

@@ -121,7 +121,7 @@ class SearchedDayRow(Base):
     observatories: Mapped[str]
     searched_utc: Mapped[datetime] = mapped_column(UtcTime)
     answer: Mapped[str] = mapped_column(server_default="no burst")
-    reason: Mapped[str] = mapped_column(server_default="")
+    reason: Mapped[str | None]
 
 
 class DetectionRow(Base):
@@ -197,7 +197,6 @@ class SolutionRow(Base):
     code_version: Mapped[str]
     store_path: Mapped[str]
     store_sha256: Mapped[str]
-    spectra_path: Mapped[str | None]
     created_utc: Mapped[datetime] = mapped_column(UtcTime)
     reference_utc: Mapped[datetime] = mapped_column(UtcTime)
     tier: Mapped[str] = mapped_column(server_default="final")
@@ -212,6 +211,7 @@ class SolutionRow(Base):
     v_sw_km_s: Mapped[float | None] = mapped_column(Double)
     v_sw_low_km_s: Mapped[float | None] = mapped_column(Double)
     v_sw_high_km_s: Mapped[float | None] = mapped_column(Double)
+    spectra_path: Mapped[str | None]
 
 
 class PreferenceRow(Base):

@@ -60,7 +60,7 @@ EDGES = (SHARED, HALF_RISE, "half_maximum")
 PRELIMINARY_EDGES = (HALF_RISE, "half_maximum")
 """Those of a burst that two spacecraft heard: the first is fitted, the second has to agree."""
 
-NOT_LOCALISABLE = "not localisable: "
+NOT_LOCALISABLE, NO_PRELIMINARY = "not localisable: ", "no preliminary track: "
 
 KnownBurst = tuple[str, datetime]
 """Id and onset of a burst of the catalogue."""
@@ -156,7 +156,8 @@ def _timed(files: DayFiles, burst: AssociatedBurst, burst_id: str) -> FoundBurst
         given = time_members(files, burst, burst_id, PRELIMINARY_EDGES if is_preliminary else EDGES)
     if not isinstance(given, str):
         return FoundBurst(burst.burst_id, burst_id, burst.reason if is_preliminary else "", given)
-    return FoundBurst(burst.burst_id, burst_id, burst.reason if is_preliminary else given, None)
+    reason = f"{burst.reason}; {NO_PRELIMINARY}{given.removeprefix(NOT_LOCALISABLE)}" if is_preliminary else given
+    return FoundBurst(burst.burst_id, burst_id, reason, None)
 
 
 def heard_by_two(burst: AssociatedBurst) -> bool:

@@ -28,8 +28,8 @@ DAY = timedelta(days=1)
 ANSWERS = ".answers"
 """Folder in the mirror with one file a day: what the archive answered last about each data set."""
 
-UNREACHABLE = "unreachable"
-NOT_ASKED = "the archive was not asked for this day"
+UNREACHABLE, NO_FOLDER = "unreachable", "no_folder"
+"""Answers of an archive: it did not answer; it answered, and does not have the data set at all."""
 
 
 @dataclass(frozen=True)
@@ -46,7 +46,7 @@ class DayFiles:
     inputs_hash : str
         Of the contents of the files, and of what is known of the wind and the Sun around the day.
     silent : tuple of str
-        Data sets of the day that could not be asked for, and that have no file of it in the mirror.
+        Data sets that could not be asked for, where the mirror has no file of the day.
     """
 
     day: date
@@ -87,11 +87,16 @@ def fetch_range(days: Sequence[date], archive: str, settings: Settings) -> tuple
         outcomes = list(fetch_days(opened, datasets, wanted, settings.mirror_root, lambda: advance(1)))
     except InputError as error:
         raise StoreError(str(error)) from error
-    silent = {one.dataset.key: one.message for one in outcomes if one.state == UNREACHABLE}
+    silent = {one.dataset.key: one.message for one in outcomes if _answer_of(one) == UNREACHABLE}
     for key, reason in silent.items():
         log.warning("not fetched", dataset=key, reason=reason)
     remember_answers(outcomes, settings.mirror_root)
     return tuple(f"{key}: {reason}" for key, reason in silent.items())
+
+
+def _answer_of(outcome: DayInMirror) -> str:
+    has_no_folder = outcome.message.startswith("the archive has no folder")
+    return NO_FOLDER if outcome.state == UNREACHABLE and has_no_folder else outcome.state
 
 
 def remember_answers(outcomes: Iterable[DayInMirror], mirror: Path) -> None:
@@ -109,7 +114,7 @@ def remember_answers(outcomes: Iterable[DayInMirror], mirror: Path) -> None:
     """
     by_day: dict[date, dict[str, str]] = {}
     for one in outcomes:
-        by_day.setdefault(one.day, {})[one.dataset.key] = one.state
+        by_day.setdefault(one.day, {})[one.dataset.key] = _answer_of(one)
     try:
         (mirror / ANSWERS).mkdir(parents=True, exist_ok=True)
         for day, states in by_day.items():
@@ -172,14 +177,13 @@ class Mirror:
         own = {key for (key, other), source in found.items() if source and other == day}
         known = sorted(source for source in found.values() if source) if own else []
         text = "\n".join(sorted({source.sha256 for _, source in known}))
-        covering = [one.key for one in self._datasets if one.covers(day) and one.key not in own]
-        silent = tuple(key for key in covering if asked.get(key, UNREACHABLE) == UNREACHABLE)
+        asked = {one.key: asked.get(one.key, UNREACHABLE) for one in self._datasets if one.covers(day)}
         files = DayFiles(
             day,
             tuple(path for path, _ in known),
             tuple(source for _, source in known),
             hashlib.sha256(text.encode()).hexdigest(),
-            silent if asked else (NOT_ASKED,) if not own else (),
+            () if own else _silent(asked),
         )
         return with_surroundings(files, self._settings)
 
@@ -222,6 +226,12 @@ class Mirror:
             except FileNotFoundError:
                 self._names[folder] = ()
         return self._names[folder]
+
+
+def _silent(asked: dict[str, str]) -> tuple[str, ...]:
+    """Data sets that may have files of a day although the mirror has none; all, where the archive has no folder."""
+    silent = tuple(key for key, state in asked.items() if state == UNREACHABLE)
+    return silent or (tuple(asked) if set(asked.values()) == {NO_FOLDER} else ())
 
 
 def _sha256_if_whole(path: Path) -> str | None:

@@ -19,7 +19,17 @@ import bella
 from bella.catalogue import Catalogue, SearchedDay
 from bella.exceptions import BellaError, BusyError, NoDataError
 from bella.pipeline.burst import BurstOutcome, Choice, process_burst
-from bella.pipeline.day import DAY, FoundBurst, FoundDay, KnownBurst, detection_records, known_bursts, search_day
+from bella.pipeline.day import (
+    DAY,
+    NO_PRELIMINARY,
+    NOT_LOCALISABLE,
+    FoundBurst,
+    FoundDay,
+    KnownBurst,
+    detection_records,
+    known_bursts,
+    search_day,
+)
 from bella.pipeline.draw import draw_day, redraw_day
 from bella.pipeline.inputs import load_burst
 from bella.pipeline.mirror import DayFiles, Mirror, fetch_range
@@ -205,7 +215,7 @@ def finished_before(files: DayFiles, catalogue: Catalogue, settings: Settings) -
     known = catalogue.searched_day(files.day)
     if not files.paths:
         answer = DayAnswer.ARCHIVE_SILENT if files.silent else DayAnswer.NO_DATA
-        reason = f"not known: {', '.join(files.silent)}" if files.silent else ""
+        reason = f"the archive did not answer for {', '.join(files.silent)}" if files.silent else ""
         record = SearchedDay(files.day, files.inputs_hash, bella.__version__, (), answer, reason)
         catalogue.record_unsearched(record)
         kept = catalogue.searched_day(files.day) or record
@@ -275,7 +285,7 @@ def _reason(burst: FoundBurst, done: BurstOutcome | None) -> str:
         return ""
     if done.outcomes:
         return f"{burst.reason}; a preliminary track is published"
-    return f"{burst.reason}; no preliminary track: {done.reason}" if burst.reason else f"not localisable: {done.reason}"
+    return f"{burst.reason}; {NO_PRELIMINARY}{done.reason}" if burst.reason else f"{NOT_LOCALISABLE}{done.reason}"
 
 
 def _outcome_of(found: FoundDay, bursts: dict[str, BurstOutcome]) -> DayOutcome:

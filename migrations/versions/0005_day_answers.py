@@ -19,7 +19,7 @@ ANSWERS = (("localised", "localisable"), ("not localisable", "catalogued"))
 def upgrade() -> None:
     """Add columns and fill them."""
     op.add_column("searched_day", sa.Column("answer", sa.String(), nullable=False, server_default="no burst"))
-    op.add_column("searched_day", sa.Column("reason", sa.String(), nullable=False, server_default=""))
+    op.add_column("searched_day", sa.Column("reason", sa.String(), nullable=True))
     op.add_column("solution", sa.Column("spectra_path", sa.String(), nullable=True))
     connection = op.get_bind()
     for answer, tier in reversed(ANSWERS):

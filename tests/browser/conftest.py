@@ -8,10 +8,10 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from flows.day_figure import draw_day
 from playwright.sync_api import Browser, Page, sync_playwright
 
 from bella.catalogue import Catalogue, SearchedDay, Solution
+from bella.pipeline.draw import draw_day
 from bella.plotting import write_density_png, write_polar_fit_png
 from bella.settings import FIT_FIGURES, Settings
 from tests.api.published import ONSET, publish_event, publish_many, served, settings_of

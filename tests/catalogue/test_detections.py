@@ -7,6 +7,7 @@ import pytest
 
 from bella.catalogue import Catalogue, Detection, SearchedDay
 from bella.exceptions import InputError
+from bella.records import DayAnswer
 
 DAY = SearchedDay(date(2020, 7, 21), "a" * 64, "0.2.0", ("WIND", "STEREO-A"))
 START = datetime(2020, 7, 21, tzinfo=UTC)
@@ -75,3 +76,15 @@ def test_the_range_is_half_open_and_may_be_of_one_spacecraft(catalogue: Catalogu
     assert len(catalogue.detections(START, STOP, None, 2)) == 2
     with pytest.raises(InputError, match="limit is 0"):
         catalogue.detections(START, STOP, None, 0)
+
+
+@pytest.mark.parametrize("answer", [DayAnswer.NO_DATA, DayAnswer.ARCHIVE_SILENT])
+def test_an_outage_takes_no_answer_away(catalogue: Catalogue, answer: DayAnswer) -> None:
+    silent = SearchedDay(DAY.day, "nothing", "2", (), answer, "why")
+    searched = SearchedDay(DAY.day, "hash", "1", ("WIND",), DayAnswer.LOCALISED, "")
+    catalogue.record_unsearched(SearchedDay(DAY.day, "nothing", "1", (), DayAnswer.NO_DATA))
+    catalogue.record_unsearched(silent)
+    assert catalogue.searched_day(DAY.day) == silent
+    catalogue.record_day(searched, ())
+    catalogue.record_unsearched(silent)
+    assert catalogue.searched_day(DAY.day) == searched

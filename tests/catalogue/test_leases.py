@@ -1,14 +1,18 @@
 import os
-from datetime import UTC, datetime, timedelta
+import threading
+import time
+from collections.abc import Callable
+from datetime import UTC, date, datetime, timedelta
 
 import pytest
 from sqlalchemy import update
 
-from bella.catalogue import Catalogue
+from bella.catalogue import Catalogue, Lease, SearchedDay
 from bella.catalogue.engine import writing
 from bella.catalogue.leases import Owner, is_gone, process_start, this_process
 from bella.catalogue.models import StageRunRow
-from bella.exceptions import BusyError, ConvergenceError
+from bella.exceptions import BusyError, ConvergenceError, StoreError, UnreachableError
+from tests.catalogue.examples import publication
 
 
 def change(catalogue: Catalogue, **values: object) -> None:
@@ -126,3 +130,77 @@ def test_a_catalogue_that_refuses_does_not_hide_why_a_run_failed(catalogue: Cata
 
     with pytest.raises(ConvergenceError, match="no mode found"):
         fail()
+
+
+def test_a_lease_is_renewed_beside_the_work_however_long_that_takes(catalogue: Catalogue) -> None:
+    with catalogue.lease("localise", "T3-1", "slow", 0.6) as lease:
+        wait_until(lambda: catalogue.stage_runs(1)[0].expires_utc > lease.expires_utc + timedelta(seconds=1))
+        with pytest.raises(BusyError, match="run slow"):
+            catalogue.lease("localise", "T3-1", "other", 0.6).__enter__()
+    after = catalogue.stage_runs(1)[0].expires_utc
+    assert [one for one in threading.enumerate() if one.name == "lease localise T3-1"] == []
+    assert catalogue.stage_runs(1)[0].expires_utc == after, "nothing beats after the work"
+
+
+def test_a_heart_beats_on_after_a_database_that_was_away(catalogue: Catalogue, monkeypatch: pytest.MonkeyPatch) -> None:
+    real, asked = Lease.renew, []
+
+    def away_at_first(lease: Lease, duration_s: float) -> datetime:
+        asked.append(duration_s)
+        if len(asked) < 3:
+            raise UnreachableError("the database is away")
+        return real(lease, duration_s)
+
+    monkeypatch.setattr(Lease, "renew", away_at_first)
+    with catalogue.lease("localise", "T3-1", "slow", 0.3) as lease:
+        wait_until(lambda: len(asked) > 3)
+        assert not lease.lost.is_set()
+
+
+def test_a_run_that_lost_its_lease_notices_and_publishes_nothing(catalogue: Catalogue) -> None:
+    with catalogue.lease("localise", "T3-1", "slow", 0.3) as lease:
+        change(catalogue, token="of a rival")
+        wait_until(lease.lost.is_set)
+        with pytest.raises(BusyError, match="taken over by another run"):
+            catalogue.publish(publication(), lease)
+        with pytest.raises(BusyError, match="taken over by another run"):
+            catalogue.record_day(SearchedDay(date(2021, 2, 1), "hash", "1", ("WIND",)), (), lease)
+    assert catalogue.bursts().total == 0
+    assert catalogue.searched_day(date(2021, 2, 1)) is None
+
+
+def test_a_run_that_holds_its_lease_publishes(catalogue: Catalogue) -> None:
+    with catalogue.lease("localise", "T3-1", "run", 60.0) as lease:
+        catalogue.publish(publication(), lease)
+        catalogue.record_day(SearchedDay(date(2021, 2, 1), "hash", "1", ("WIND",)), (), lease)
+    assert catalogue.bursts().total == 1
+    assert catalogue.searched_day(date(2021, 2, 1)) is not None
+    with pytest.raises(BusyError):
+        catalogue.publish(publication(inputs_hash="f" * 64), lease)
+
+
+def test_what_a_check_refuses_is_not_published(catalogue: Catalogue) -> None:
+    def refuse() -> None:
+        raise StoreError("the group has left the store")
+
+    with pytest.raises(StoreError, match="has left"):
+        catalogue.publish(publication(), None, refuse)
+    assert catalogue.bursts().total == 0
+
+
+def test_subjects_of_live_runs_alone_are_in_use(catalogue: Catalogue) -> None:
+    with catalogue.lease("localise", "T3-1", "one", 60.0), catalogue.lease("search", "2021-02-01", "two", 60.0):
+        assert catalogue.held_subjects() == {"T3-1", "2021-02-01"}
+        change(catalogue, expires_utc=datetime.now(UTC) - timedelta(seconds=1))
+        assert catalogue.held_subjects() == frozenset()
+    with catalogue.lease("localise", "T3-1", "one", 60.0):
+        pass
+    assert catalogue.held_subjects() == frozenset()
+
+
+def wait_until(holds: Callable[[], bool]) -> None:
+    """Wait for what another thread does; a loaded machine may take its time."""
+    until = time.monotonic() + 60
+    while not holds():
+        assert time.monotonic() < until
+        time.sleep(0.02)

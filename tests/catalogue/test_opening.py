@@ -6,13 +6,16 @@ import sys
 from pathlib import Path
 
 import pytest
+from alembic.script import ScriptDirectory
 from sqlalchemy import create_engine, event, make_url, text
 
 from bella.catalogue import BurstQuery, Catalogue
 from bella.catalogue.engine import reading
-from bella.catalogue.schema import REVISION_TABLE
+from bella.catalogue.schema import REVISION_TABLE, migration_config
 from bella.exceptions import BellaError, BusyError, InputError, StoreError, UnreachableError
 from tests.catalogue.examples import localisation, publication
+
+NEWEST = ScriptDirectory.from_config(migration_config()).get_current_head()
 
 
 def execute(database_url: str, statement: str) -> None:
@@ -25,7 +28,7 @@ def execute(database_url: str, statement: str) -> None:
 def test_a_new_catalogue_is_empty_and_at_the_newest_revision(database_url: str) -> None:
     with Catalogue.open(database_url, create=True) as catalogue:
         catalogue.ping()
-        assert catalogue.revision() == "0003"
+        assert catalogue.revision() == NEWEST
         assert catalogue.bursts(BurstQuery()).bursts == ()
 
 
@@ -87,7 +90,7 @@ def test_a_newer_catalogue_is_refused(catalogue: Catalogue, catalogue_url: str, 
     execute(catalogue_url, f"UPDATE {REVISION_TABLE} SET version_num = '9999'")
     with pytest.raises(StoreError, match=r"newer version \(revision 9999\): upgrade the package or restore"):
         Catalogue.open(catalogue_url, create=create)
-    execute(catalogue_url, f"UPDATE {REVISION_TABLE} SET version_num = '0003'")
+    execute(catalogue_url, f"UPDATE {REVISION_TABLE} SET version_num = '{NEWEST}'")
     Catalogue.open(catalogue_url).close()
 
 

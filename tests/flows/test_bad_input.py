@@ -1,10 +1,14 @@
 """Bad input ends in one line that says what to do, with the right exit status and nothing touched."""
 
+import json
+import sqlite3
+from contextlib import closing
 from pathlib import Path
 
 import pytest
 
-from tests.commands import Sandbox
+from tests.commands import BELLA, Sandbox
+from tests.service_processes.processes import free_port
 
 HEADING = "observatory,frequency_mhz,arrival_utc,sigma_s,edge\n"
 GOOD = HEADING + "".join(
@@ -102,3 +106,35 @@ def test_read_only_home_is_one_line(sandbox: Sandbox, tmp_path: Path) -> None:
     blocked.write_text("")
     done = sandbox.bella("run", "--home", str(blocked / "home"), code=2)
     assert "home" in one_line(done.stderr)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (("--to", "2021-02-01"), "need a first one"),
+        (("--from", "2021-02-02", "--to", "2021-02-01"), "exchange them"),
+        (("--from", "2021-02-01", "--archive", "nowhere"), "neither an http(s) URL nor a folder"),
+        (("--from", "2021-02-01", "--preset", "best"), "preset"),
+        (("--workers", "0"), "--workers"),
+    ],
+)
+def test_bad_options_of_a_run_are_refused_in_one_line(
+    sandbox: Sandbox, arguments: tuple[str, ...], message: str
+) -> None:
+    done = sandbox.bella("run", *arguments, code=2)
+    assert message in done.stderr
+    assert "Traceback" not in done.stderr
+
+
+def test_days_that_the_archive_did_not_answer_for_fail_the_run(sandbox: Sandbox) -> None:
+    """Where Prefect runs it too: the run is a failed one, in its database and for the shell."""
+    silent = f"http://127.0.0.1:{free_port()}"
+    environment = {"BELLA_ARCHIVE_INTERVAL_S": "0.01"}
+    done = sandbox.run(BELLA, "run", "--from", "2021-02-01", "--archive", silent, "--json", code=1, **environment)
+    (day,) = json.loads(done.stdout)
+    assert (day["state"], day["answer"]) == ("archive silent", "archive silent")
+    assert "WI_H1_WAV" in day["message"]
+    assert done.stderr.splitlines()[-1].startswith("bella: 1 of 1 day is not done: 2021-02-01")
+    assert "Traceback" not in done.stderr
+    with closing(sqlite3.connect(sandbox.home / "prefect" / "prefect.db")) as database:
+        assert database.execute("select name, state_type from flow_run").fetchall()[0][1] == "FAILED"

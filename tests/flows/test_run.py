@@ -3,6 +3,7 @@
 import json
 import math
 import os
+import shutil
 import sqlite3
 import struct
 import subprocess
@@ -18,7 +19,7 @@ from fastapi.testclient import TestClient
 from api.app import create_app
 from bella.catalogue import Catalogue
 from bella.settings import Settings
-from tests.commands import BELLA, Sandbox
+from tests.commands import BELLA, TIMEOUT_S, Sandbox
 
 BURST = "T3-20120607-1929"
 FirstRun = tuple[Sandbox, "CompletedProcess[str]"]
@@ -142,11 +143,29 @@ def test_nothing_is_written_outside_the_home_folder(first_run: FirstRun) -> None
     assert sandbox.files_elsewhere() == []
 
 
-def test_embedded_server_ends_with_the_command_and_keeps_its_log(first_run: FirstRun) -> None:
+def test_embedded_server_ends_with_the_command(first_run: FirstRun) -> None:
     sandbox, _ = first_run
-    assert (sandbox.home / "prefect" / "server.log").stat().st_size > 0
+    assert (sandbox.home / "prefect" / "prefect.db").stat().st_size > 0
     running = [path for path in Path("/proc").glob("[0-9]*/environ") if str(sandbox.home) in _environment(path)]
     assert running == []
+
+
+def test_without_prefect_the_same_comes_out(first_run: FirstRun, direct_run: FirstRun) -> None:
+    """Every row of results but times and names of groups; and the same words."""
+    (sandbox, done), (other, alone) = first_run, direct_run
+    assert not (other.home / "prefect").exists()
+    assert contents(sandbox) == contents(other)
+    assert done.stdout.splitlines()[-1] == alone.stdout.splitlines()[-1]
+
+
+def contents(sandbox: Sandbox) -> dict[str, object]:
+    found: dict[str, object] = {}
+    with closing(catalogue_of(sandbox)) as catalogue:
+        for one in catalogue.versions(BURST):
+            key = one.solution_id
+            rows, track = catalogue.localisations(key), catalogue.track_fit(key)
+            found[key] = (one.inputs_hash, one.store_sha256, one.answer, one.flags, one.preferred, rows, track)
+    return found
 
 
 def _environment(path: Path) -> str:
@@ -168,7 +187,7 @@ def test_logs_carry_burst_and_run(first_run: FirstRun) -> None:
 def test_second_run_changes_nothing(first_run: FirstRun) -> None:
     sandbox, _ = first_run
     before, groups = rows_of(sandbox), groups_of(sandbox)
-    done = sandbox.bella("run", "--json")
+    done = sandbox.bella("run", "--direct", "--json")
     assert [row["new"] for row in json.loads(done.stdout)] == [False] * 4
     assert rows_of(sandbox) == before
     assert groups_of(sandbox) == groups
@@ -181,18 +200,19 @@ def test_figure_that_a_killed_run_did_not_draw_is_drawn_by_the_next(first_run: F
     )
     spectra.unlink()
     os.utime(constellation, (0, 0))
-    sandbox.bella("run")
+    sandbox.bella("run", "--direct")
     assert spectra.is_file()
     assert constellation.stat().st_mtime > 0
 
 
-def test_other_preset_is_another_series_and_leaves_the_answer_as_it_was(sandbox: Sandbox) -> None:
-    sandbox.bella("run")
+def test_other_preset_is_another_series_and_leaves_the_answer_as_it_was(direct_run: FirstRun, tmp_path: Path) -> None:
+    sandbox = Sandbox.within(tmp_path)
+    shutil.copytree(direct_run[0].home, sandbox.home)
     before = rows_of(sandbox)
     answer = sandbox.bella("catalogue", "list", "--json").stdout
     figures = sandbox.home / "figures" / BURST
     kept = (figures / "constellation-posterior-default.png").read_bytes()
-    done = sandbox.bella("run", "--preset", "robust", "--json")
+    done = sandbox.bella("run", "--direct", "--preset", "robust", "--json")
     assert (figures / "constellation-posterior-robust.png").read_bytes() != kept
     assert (figures / "constellation-posterior-default.png").read_bytes() == kept
     rows = json.loads(done.stdout)
@@ -209,7 +229,7 @@ def test_other_preset_is_another_series_and_leaves_the_answer_as_it_was(sandbox:
 def test_killed_run_leaves_nothing_visible_and_the_next_one_finishes(sandbox: Sandbox) -> None:
     """Killed after the first posterior has its final name, before the commit that would make it visible."""
     script = (
-        "import os, signal, flows.publication as publication\n"
+        "import os, signal, bella.pipeline.publication as publication\n"
         "place = publication.place_group\n"
         "def placed_then_killed(staged, root, name):\n"
         "    path = place(staged, root, name)\n"
@@ -224,7 +244,7 @@ def test_killed_run_leaves_nothing_visible_and_the_next_one_finishes(sandbox: Sa
     assert killed.returncode == -9, killed.stderr
     assert len(groups_of(sandbox)) == 2, "spectra and one posterior were in place"
     assert rows_of(sandbox)["solution"] == []
-    sandbox.bella("run")
+    sandbox.bella("run", "--direct")
     with closing(catalogue_of(sandbox)) as catalogue:
         assert {(one.series.edge, one.version) for one in catalogue.versions(BURST)} == {
             ("gauss_hermite", 1),
@@ -235,11 +255,12 @@ def test_killed_run_leaves_nothing_visible_and_the_next_one_finishes(sandbox: Sa
 
 
 def test_two_runs_at_once_end_with_one_result(sandbox: Sandbox) -> None:
+    command = [BELLA, "run", "--direct"]
     runs = [
-        subprocess.Popen([BELLA, "run"], env=sandbox.environment, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE)
+        subprocess.Popen(command, env=sandbox.environment, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE)
         for _ in range(2)
     ]
-    ends = [(run.communicate(timeout=900)[1].decode(), run.returncode) for run in runs]
+    ends = [(run.communicate(timeout=TIMEOUT_S)[1].decode(), run.returncode) for run in runs]
     assert 0 in {code for _, code in ends}
     for stderr, code in ends:
         assert code == 0 or (code == 1 and "is being done by" in stderr), stderr
@@ -249,12 +270,35 @@ def test_two_runs_at_once_end_with_one_result(sandbox: Sandbox) -> None:
         assert [one.series.edge for one in catalogue.versions(BURST) if one.preferred] == ["shared_profile"]
 
 
+def test_damage_in_the_store_is_named(direct_run: FirstRun, tmp_path: Path) -> None:
+    sandbox = Sandbox.within(tmp_path)
+    shutil.copytree(direct_run[0].home, sandbox.home)
+    assert "5 groups" in sandbox.bella("store", "verify").stdout
+    with closing(catalogue_of(sandbox)) as catalogue:
+        posterior, *_ = (one.store_path for one in catalogue.stored_groups() if one.sha256)
+        (spectra,) = (one.store_path for one in catalogue.stored_groups() if one.sha256 is None)
+    chunk = sandbox.home / "store" / posterior / "draws" / "c" / "0" / "0" / "0"
+    content = bytearray(chunk.read_bytes())
+    content[len(content) // 2] ^= 0xFF
+    chunk.chmod(0o644)
+    chunk.write_bytes(content)
+    shutil.rmtree(sandbox.home / "store" / spectra)
+
+    done = sandbox.bella("store", "verify", "--json", code=1)
+
+    found = json.loads(done.stdout)
+    assert {row["store_path"] for row in found["damaged"]} == {posterior, spectra}
+    assert found["groups"] == 5
+    assert posterior in done.stderr
+    assert "2 of 5 groups are damaged" in done.stderr
+
+
 def test_catalogue_and_status_tell_of_the_run(first_run: FirstRun) -> None:
     sandbox, _ = first_run
     listed = json.loads(sandbox.bella("catalogue", "list", "--json").stdout)
     assert [row["burst_id"] for row in listed] == [BURST]
     status = json.loads(sandbox.bella("status", "--json").stdout)
-    assert [(run["subject"], run["state"]) for run in status["runs"]] == [("2012-06-07", "done")]
+    assert {(run["subject"], run["state"]) for run in status["runs"]} == {(BURST, "done"), ("store", "done")}
     assert status["waiting"] == 0
     shown = sandbox.bella("catalogue", "show", BURST).stdout
     assert "v_sw, km/s" in shown

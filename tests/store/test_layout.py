@@ -167,3 +167,11 @@ def test_a_group_another_sweep_took_first_is_not_counted(tmp_path: Path, monkeyp
 
     monkeypatch.setattr("bella.store.layout.age_s", taken)
     assert sweep(tmp_path, set(), older_than_s=0.0) == []
+
+
+def test_what_a_live_run_works_on_is_spared_whatever_its_age(tmp_path: Path) -> None:
+    published(posterior(), tmp_path)
+    published(posterior(), tmp_path, "T3-20130101-0000/orphan.zarr")
+    removed = sweep(tmp_path, set(), older_than_s=0.0, in_use={"T3-20120607-1929"})
+    assert removed == ["T3-20130101-0000/orphan.zarr"]
+    assert open_group(tmp_path, NAME)["draws"].shape == (5, 40, 4)

@@ -18,12 +18,12 @@ from bella.bursts import EVENT, half_maximum_arrivals
 from bella.catalogue import Catalogue, Series, Solution
 from bella.multilateration import localise
 from bella.pipeline.inputs import load_burst
+from bella.pipeline.mirror import DayFiles, with_surroundings
 from bella.pipeline.publication import Draft, inputs_hash, publish
 from bella.pipeline.surroundings import day_digest, draw_wind, has_wind, surroundings_of
 from bella.pipeline.tracks import Timing, fitted_track
 from bella.records import MeasuredWind
 from bella.settings import Settings
-from flows.days import DayFiles, with_surroundings
 from tests.commands import BELLA, Sandbox
 from tests.solar_wind.in_situ import lists_of
 from tests.solar_wind.test_context import HOLES, SUMMARY
@@ -177,7 +177,7 @@ def test_run_of_the_published_burst_with_its_wind(sandbox: Sandbox, tmp_path: Pa
     folder.mkdir()
     lists_of(folder, reference_files)
 
-    sandbox.run(BELLA, "run", BELLA_IN_SITU=str(folder))
+    sandbox.run(BELLA, "run", "--direct", BELLA_IN_SITU=str(folder))
 
     with closing(Catalogue.open(f"sqlite:///{sandbox.home / 'catalogue.sqlite'}")) as catalogue:
         solution = next(one for one in catalogue.versions(EVENT.burst_id) if one.series.edge == "gauss_hermite")

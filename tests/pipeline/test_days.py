@@ -8,13 +8,14 @@ from typing import Any
 
 import pandas as pd
 import pytest
-from flows.day_figure import detection_frame, draw_day, redraw_day
 
 from bella.catalogue import Catalogue
+from bella.pipeline.day import known_burst_ids, known_bursts
+from bella.pipeline.draw import detection_frame, draw_day, redraw_day
 from bella.settings import Settings
-from flows.days import DayFiles, known_burst_ids
 from tests.catalogue.examples import publication
 from tests.catalogue.test_detections import heard as detection
+from tests.pipeline.examples import files_of
 from tests.plotting.test_day import day as spectrum
 from tests.plotting.test_fleet import DAY, green
 
@@ -31,9 +32,27 @@ def test_a_burst_keeps_its_name_and_lends_it_to_no_other(tmp_path: Path) -> None
         near, nearer = heard("near", onset + timedelta(minutes=6)), heard("nearer", onset - timedelta(minutes=2))
         far = heard("far", onset + timedelta(hours=2))
 
-        names = known_burst_ids(catalogue, [near, nearer, far])
+        names = known_burst_ids(known_bursts(catalogue, onset.date(), onset.date()), [near, nearer, far])
 
     assert names == {"near": "near", "nearer": known.burst.burst_id, "far": "far"}
+
+
+def test_over_midnight_only_the_same_minute_is_the_same_burst() -> None:
+    midnight = datetime(2021, 2, 2, tzinfo=UTC)
+    before = [
+        ("T3-20210201-2358", midnight - timedelta(minutes=1.5)),
+        ("T3-20210201-2353", midnight - timedelta(minutes=7)),
+    ]
+
+    def named(minutes: float) -> str:
+        burst = heard("own", pd.Timestamp(midnight).tz_localize(None) + timedelta(minutes=minutes))
+        return known_burst_ids(before, [burst])["own"]
+
+    assert named(0.3) == "T3-20210201-2358"
+    assert named(1.0) == "own"
+    assert named(-4.0) == "T3-20210201-2358"
+    assert named(-16.0) == "T3-20210201-2353"
+    assert named(-18.0) == "own"
 
 
 @pytest.fixture
@@ -69,7 +88,10 @@ def test_a_folder_that_cannot_be_made_ends_nothing(settings: Settings) -> None:
 
 
 def test_files_that_have_gone_end_nothing(settings: Settings, tmp_path: Path) -> None:
-    assert not redraw_day(DayFiles(DAY, (tmp_path / "gone.cdf",), (), ""), [], settings)
+    (tmp_path / "gone.cdf").touch()
+    gone = files_of(DAY, [tmp_path / "gone.cdf"])
+    (tmp_path / "gone.cdf").unlink()
+    assert not redraw_day(gone, [], settings)
 
 
 def test_a_detection_table_has_utc_without_a_zone_also_when_empty() -> None:

@@ -1,4 +1,4 @@
-"""The plain functions under the flow, without Prefect's engine."""
+"""The parts that a burst goes through: its inputs, its solution, what is published, and what ends or stops it."""
 
 import hashlib
 import json
@@ -23,13 +23,13 @@ from bella.cli import app
 from bella.exceptions import BusyError, GeometryError, InputError, NoDataError, StoreError, UnreachableError
 from bella.flags import APPARENT_SOURCE
 from bella.multilateration import localise
+from bella.pipeline import environment, progress
 from bella.pipeline.inputs import load_burst
 from bella.pipeline.publication import Draft, inputs_hash, publish, solution_flags
 from bella.pipeline.surroundings import surroundings_of
 from bella.pipeline.tracks import Timing, attempted, fitted_track
 from bella.settings import Settings
 from bella.tracks.spiral import track_fit
-from flows import environment, progress
 
 SERIES = Series("half_maximum", "posterior", "default", 2)
 UNKNOWN = surroundings_of(datetime(2012, 6, 7, 19, 20, tzinfo=UTC), Settings(in_situ=None, regions=None))
@@ -173,8 +173,9 @@ def test_solution_flags_are_those_of_rows_and_fit() -> None:
     [(BusyError("x"), True), (UnreachableError("x"), True), (StoreError("x"), False), (ValueError("x"), False)],
 )
 def test_only_errors_that_may_pass_are_tried_again(error: Exception, *, again: bool) -> None:
-    from flows.localise_burst import is_retriable
     from prefect.states import Failed
+
+    from flows.tasks import is_retriable
 
     state = Failed(data=error)
     assert is_retriable(None, None, state) is again  # type: ignore[arg-type]

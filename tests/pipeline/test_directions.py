@@ -10,12 +10,13 @@ import pytest
 from bella.arrivals import locate_receivers
 from bella.catalogue import Series
 from bella.multilateration import localise
+from bella.pipeline.day import FoundDay, search_day
 from bella.pipeline.inputs import BurstInput
 from bella.pipeline.surroundings import surroundings_of
 from bella.pipeline.tracks import Timing, fitted_track
 from bella.settings import Settings
 from bella.simulation.archive_days import simulate_days
-from flows.days import DayFiles, HeardDay, hear, place_burst
+from tests.pipeline.examples import files_of
 
 DAY, SEED = date(2012, 6, 5), 1
 PHI0_DEG = -79.2
@@ -25,19 +26,17 @@ EDGE = "half_rise"
 
 
 @pytest.fixture(scope="module")
-def heard(tmp_path_factory: pytest.TempPathFactory) -> HeardDay:
+def found(tmp_path_factory: pytest.TempPathFactory) -> FoundDay:
     root = tmp_path_factory.mktemp("archive")
     stereo = [f"ST{side}_L3_WAV_{band}" for side in "AB" for band in ("LFR", "HFR")]
     simulate_days(root, [DAY], SEED, ("WI_L2_WAV_RAD1", "WI_L2_WAV_RAD2", *stereo))
-    return hear(DayFiles(DAY, tuple(sorted(root.rglob("*.cdf"))), (), "files"))
+    return search_day(files_of(DAY, sorted(root.rglob("*.cdf"))), ())
 
 
 @pytest.fixture(scope="module")
-def given(heard: HeardDay) -> BurstInput:
-    (burst,) = [one for one in heard.bursts if one.start_utc.hour == 16]
-    found = place_burst(heard, burst, "burst")
-    assert isinstance(found, BurstInput), found
-    return found
+def given(found: FoundDay) -> BurstInput:
+    (burst,) = [one.given for one in found.bursts if one.given and one.given.burst.start_utc.hour == 16]
+    return burst
 
 
 def beside(given: BurstInput, directions: pd.DataFrame | None) -> dict[str, Any]:

@@ -1,0 +1,233 @@
+"""Days of the archive: localised near the truth, refined under the same id, done again when their files change."""
+
+import json
+import math
+import os
+import shutil
+import signal
+import subprocess
+import time
+from contextlib import closing
+from dataclasses import dataclass
+from datetime import UTC, date, datetime
+from pathlib import Path
+
+import numpy as np
+import pytest
+from fastapi.testclient import TestClient
+
+from api.app import create_app
+from bella.catalogue import Catalogue
+from bella.pipeline.outcome import DayOutcome, UnfinishedError, check_finished
+from bella.pipeline.run import Direct, Run, process_days
+from bella.pipeline.workers import Workers
+from bella.records import DayAnswer
+from bella.settings import Settings
+from bella.simulation.archive_days import simulate_days, sky_of
+from bella.simulation.burst import source_position_rsun
+from tests.commands import BELLA, Sandbox
+from tests.plotting.test_fleet import green, height
+
+DAY, SEED = date(2021, 2, 1), 1
+DATASETS = (
+    "WI_H1_WAV",
+    "STEREO_LEVEL2_SWAVES",
+    "PSP_FLD_L2_RFS_LFR",
+    "PSP_FLD_L2_RFS_HFR",
+    "SOLO_L3_RPW-TNR-SURV-FLUX",
+    "SOLO_L3_RPW-HFR-SURV-FLUX",
+)
+START, STOP = datetime(2021, 2, 1, tzinfo=UTC), datetime(2021, 2, 2, tzinfo=UTC)
+
+
+@pytest.fixture(scope="module")
+def archive(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    root = tmp_path_factory.mktemp("archive")
+    simulate_days(root, [DAY], SEED, DATASETS)
+    return root
+
+
+def process(settings: Settings, archive: Path | None, workers: int = 1) -> DayOutcome:
+    with Workers(workers, settings) as pool, Direct(1) as executor:
+        done = process_days([DAY], None if archive is None else str(archive), Run(settings, "test", pool), executor)
+    check_finished(done.outcomes, done.unreachable)
+    (day,) = done.outcomes
+    return day
+
+
+@dataclass
+class Refined:
+    """A home after a run with two spacecraft and one with all, and what they said."""
+
+    settings: Settings
+    early: DayOutcome
+    again: DayOutcome
+    late: DayOutcome
+    heights: tuple[float, float]
+
+
+@pytest.fixture(scope="module")
+def refined(archive: Path, tmp_path_factory: pytest.TempPathFactory) -> Refined:
+    """The day first without the spacecraft whose data come months later."""
+    two = tmp_path_factory.mktemp("two") / "archive"
+    shutil.copytree(archive, two)
+    shutil.rmtree(two / "pub/data/psp")
+    shutil.rmtree(two / "pub/data/solar-orbiter")
+    settings = Settings(home=tmp_path_factory.mktemp("days"), in_situ=None, regions=None, draws=500)
+    early = process(settings, two)
+    figure = settings.day_figure(DAY)
+    first = height(figure)
+    figure.unlink()
+    again = process(settings, None)
+    late = process(settings, archive)
+    return Refined(settings, early, again, late, (first, height(figure)))
+
+
+def names(outcomes: tuple[object, ...]) -> set[str]:
+    return {one.solution.burst_id for one in outcomes}  # type: ignore[attr-defined]
+
+
+def test_bursts_of_a_day_are_localised_where_they_were(refined: Refined) -> None:
+    truths = sky_of(DAY, SEED).bursts
+    assert (refined.late.state, refined.late.answer) == ("searched", "localised")
+    assert set(refined.late.observatories) == {"WIND", "STEREO-A", "SOLO", "PSP"}
+    assert refined.late.localised
+    with closing(Catalogue.open(refined.settings.catalogue_url)) as catalogue:
+        for name in names(refined.late.localised):
+            summary = catalogue.burst(name)
+            solution = summary.preferred
+            assert solution is not None
+            assert solution.series.edge in {"shared_profile", "half_rise"}
+            rows = catalogue.localisations(solution.solution_id)
+            truth = min(truths, key=lambda one: abs(utc(one.release_utc) - summary.burst.start_utc))
+            source = source_position_rsun(truth, np.array([row.frequency_mhz for row in rows]))
+            off = [math.hypot(row.x_rsun - x, row.y_rsun - y) for row, (x, y, _) in zip(rows, source, strict=True)]
+            assert np.median(off) < 8.0, name
+            assert {one.dataset for one in catalogue.sources(solution.solution_id)} <= set(DATASETS)
+            assert catalogue.track_fit(solution.solution_id)["joint"]["times"] > 40
+
+
+def utc(moment: np.datetime64) -> datetime:
+    return datetime.fromisoformat(str(moment.astype("datetime64[ms]"))).replace(tzinfo=UTC)
+
+
+def test_every_burst_is_in_the_catalogue_with_its_reason(refined: Refined) -> None:
+    with closing(Catalogue.open(refined.settings.catalogue_url)) as catalogue:
+        found = catalogue.detections(START, STOP)
+        day = catalogue.searched_day(DAY)
+    assert day is not None
+    assert day.answer is DayAnswer.LOCALISED
+    assert {one.burst_id for one in found if one.tier == "localisable"} == names(refined.late.localised)
+    for one in found:
+        assert (one.reason == "") == (one.tier == "localisable"), one
+        assert (one.burst_id == "") == (one.tier == "rejected"), one
+    assert {name for name, _ in refined.late.refused} == {one.burst_id for one in found if one.tier == "catalogued"}
+    assert green(refined.settings.day_figure(DAY)) > 0.0, "boxes of bursts that were localised"
+
+
+def test_two_spacecraft_give_a_preliminary_track_at_once(refined: Refined) -> None:
+    assert refined.early.answer is DayAnswer.NOT_LOCALISABLE
+    assert refined.early.localised == ()
+    assert refined.early.preliminary
+    reasons = dict(refined.early.refused)
+    for one in refined.early.preliminary:
+        assert one.solution.answer.tier == "preliminary"
+        assert one.solution.answer.sentence.startswith("preliminary: ")
+        assert one.track["joint"]["phi0_deg"]["q50"] is None, "regions, never one number"
+        assert "one_edge" not in one.track["joint"]["flags"], "the second edge was asked"
+        assert "a preliminary track is published" in reasons[one.solution.burst_id]
+
+
+def test_the_third_spacecraft_makes_it_final_under_the_same_id(refined: Refined) -> None:
+    same = names(refined.early.preliminary) & names(refined.late.localised)
+    assert same
+    with closing(Catalogue.open(refined.settings.catalogue_url)) as catalogue:
+        for name in same:
+            versions = catalogue.versions(name)
+            first = next(one for one in versions if one.answer.tier == "preliminary")
+            second = next(one for one in versions if one.supersedes == first.solution_id)
+            assert (first.version, second.version, second.series) == (1, 2, first.series)
+            preferred = catalogue.burst(name).preferred
+            assert preferred is not None
+            assert preferred.answer.tier == "final"
+            for one in versions:
+                track = catalogue.track(one.solution_id)
+                assert track is not None
+                if one.answer.tier == "final" and track.joint.phi0_deg.q50 is not None:
+                    assert track.preliminary is not None
+                    assert track.preliminary.solution_id == first.solution_id
+                    assert 0.0 < track.preliminary.level < 1.0
+            kept = catalogue.solution(first.solution_id).spectra_path
+            assert kept is not None
+            assert (refined.settings.store_root / kept).is_dir(), "spectra of a version stay with it"
+
+
+def test_nothing_is_done_twice_and_a_figure_that_is_missing_is_drawn(refined: Refined) -> None:
+    assert (refined.again.state, refined.again.answer) == ("nothing new", "not localisable")
+    assert refined.heights[1] > 1.2 * refined.heights[0], "new spacecraft have panels"
+    assert process(refined.settings, None).state == "nothing new"
+
+
+def test_pages_of_a_preliminary_and_a_final_burst_are_served(refined: Refined) -> None:
+    with TestClient(create_app(refined.settings)) as client:
+        for name in names(refined.early.preliminary) | names(refined.late.localised):
+            assert client.get(f"/bursts/{name}").status_code == 200
+            assert client.get(f"/api/v1/bursts/{name}/track").status_code == 200
+        days = client.get("/api/v1/days").json()["days"]
+    assert [day["answer"] for day in days if day["day"] == f"{DAY}"] == ["localised"]
+
+
+def contents(settings: Settings) -> dict[str, object]:
+    """Everything about results but when they were made, and what their groups are called."""
+    with closing(Catalogue.open(settings.catalogue_url)) as catalogue:
+        found: dict[str, object] = {"day": catalogue.searched_day(DAY), "detections": catalogue.detections_of(DAY)}
+        for burst in catalogue.bursts().bursts:
+            for one in catalogue.versions(burst.burst.burst_id):
+                key = one.solution_id
+                rows, track = catalogue.localisations(key), catalogue.track_fit(key)
+                found[key] = (one.inputs_hash, one.store_sha256, one.answer, one.flags, one.preferred, rows, track)
+    return found
+
+
+def test_results_are_the_same_whatever_the_workers_and_after_one_was_killed(archive: Path, tmp_path: Path) -> None:
+    """With Prefect and two processes, after a run of the command that was killed in the middle, and without either."""
+    sandbox = Sandbox.within(tmp_path)
+    command = [BELLA, "run", "--from", f"{DAY}", "--archive", str(archive), "--workers", "2"]
+    environment = sandbox.environment | {"BELLA_DRAWS": "500"}
+    victim = subprocess.Popen([*command, "--direct"], env=environment, cwd=sandbox.elsewhere[0], start_new_session=True)
+    store = sandbox.home / "store"
+    until = time.monotonic() + 600
+    while not (store.is_dir() and any(store.rglob("*posterior*.zarr"))) and victim.poll() is None:
+        assert time.monotonic() < until
+        time.sleep(0.02)
+    os.killpg(victim.pid, signal.SIGKILL)
+    victim.wait()
+    home = Settings(home=sandbox.home, in_situ=None, regions=None, draws=500)
+    with closing(Catalogue.open(home.catalogue_url)) as catalogue:
+        assert catalogue.searched_day(DAY) is None
+
+    done = sandbox.run(*command, "--json", BELLA_DRAWS="500")
+
+    (day,) = json.loads(done.stdout)
+    assert (day["state"], day["answer"]) == ("searched", "localised")
+    alone = Settings(home=tmp_path / "alone", in_situ=None, regions=None, draws=500)
+    process(alone, archive)
+    assert contents(home) == contents(alone)
+    with closing(Catalogue.open(home.catalogue_url)) as catalogue:
+        assert all((home.store_root / path).is_dir() for path in catalogue.referenced_paths())
+    assert sandbox.files_elsewhere() == []
+
+
+def test_a_day_that_is_not_done_is_no_success() -> None:
+    fine = DayOutcome(DAY, "no data", DayAnswer.NO_DATA)
+    check_finished([fine, DayOutcome(DAY, "searched", DayAnswer.NO_BURST)])
+    for answer in (DayAnswer.ARCHIVE_SILENT, DayAnswer.NOT_SEARCHABLE):
+        with pytest.raises(UnfinishedError, match=f"1 of 2 day is not done: 2021-02-01 {answer}") as caught:
+            check_finished([fine, DayOutcome(DAY, str(answer), answer)])
+        assert len(caught.value.outcomes) == 2
+    with pytest.raises(UnfinishedError, match="2 of 2 days are not done: 2021-02-01 the disk is full"):
+        check_finished([DayOutcome(DAY, "failed", message="the disk is full")] * 2)
+    with pytest.raises(UnfinishedError, match="a data set could not be asked for"):
+        check_finished([fine], ["WI_H1_WAV: no answer"])
+    with pytest.raises(UnfinishedError, match="2 data sets could not be asked for"):
+        check_finished([fine], ["WI_H1_WAV: no answer", "STEREO: no answer"])
