@@ -9,7 +9,7 @@ from sqlalchemy import JSON, Double, Engine, ForeignKey, Row, Table, delete, fun
 from sqlalchemy.orm import Mapped, mapped_column
 
 from bella.catalogue.engine import reading, writing
-from bella.catalogue.models import Base, DetectionRow, SolutionRow, StageRunRow, UtcTime, table_of
+from bella.catalogue.models import Base, SolutionRow, StageRunRow, UtcTime, table_of
 from bella.catalogue.observability import ObservedDay
 from bella.catalogue.upserts import dialect_insert
 from bella.exceptions import NoDataError
@@ -275,7 +275,7 @@ class Operation:
             solutions = select(table_of(SolutionRow).c.solution_id).where(table_of(SolutionRow).c.burst_id.in_(ids))
             for table in reversed(Base.metadata.sorted_tables):  # what refers to others goes before them
                 for name, wanted in (("solution_id", solutions), ("burst_id", ids)):
-                    if name in table.c and table is not table_of(DetectionRow) and table is not mocks:
+                    if name in table.c and (table.c[name].foreign_keys or table.c[name].primary_key):
                         connection.execute(delete(table).where(table.c[name].in_(wanted)))
             connection.execute(delete(mocks).where(old))
         return ids
