@@ -6,16 +6,11 @@ from pathlib import Path
 import pytest
 
 from benchmarks import replay
-from benchmarks.replay import Home, Plan, compare, is_clean, lay_out, releases, report, simulate
+from benchmarks.replay import REVISED, Home, Plan, compare, is_clean, lay_out, releases, report, simulate
 
-THREE = (
-    "WI_H1_WAV",
-    "STA_L3_WAV_LFR",
-    "STA_L3_WAV_HFR",
-    "SOLO_L3_RPW-TNR-SURV-FLUX",
-    "SOLO_L3_RPW-HFR-SURV-FLUX",
-)
-SHORT = Plan(days=1, kills=2, seed=3, duplicates=2, datasets=THREE, has_revisions=False)
+TWO = ("WI_H1_WAV", "STA_L3_WAV_LFR", "STA_L3_WAV_HFR")
+SHORT = Plan(days=1, kills=2, seed=10, duplicates=2, datasets=TWO, has_revisions=False)
+"""Two spacecraft: their preliminary tracks are published in the same way, and take a tenth of the time."""
 
 
 def test_faults_leave_the_catalogue_as_it_is_in_peace(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -31,18 +26,16 @@ def test_faults_leave_the_catalogue_as_it_is_in_peace(tmp_path: Path, monkeypatc
     quiet, disturbed = homes
     found = report(quiet, disturbed, SHORT)
     assert is_clean(found), found
-    assert found["bursts"] == 1
-    assert found["solutions"] >= 2
+    assert found["bursts"] == found["solutions"] == 1
     assert found["faults"]["killed"] >= 1
-    group = next(disturbed.settings.store_root.glob("*/half_rise*.zarr"))
-    shutil.rmtree(group)
+    shutil.rmtree(next(disturbed.settings.store_root.glob("*/half_rise*.zarr")))
     damaged = report(quiet, disturbed, SHORT)
     assert not is_clean(damaged)
     assert len(damaged["half_published"]) == 1
 
 
 def test_files_appear_in_the_order_of_their_latency_and_are_revised(tmp_path: Path) -> None:
-    plan = Plan(days=2, kills=0, seed=1, datasets=(*THREE[:1], "STEREO_LEVEL2_SWAVES", *THREE[3:]))
+    plan = Plan(days=2, kills=0, seed=1, datasets=("WI_H1_WAV", "STEREO_LEVEL2_SWAVES", REVISED))
     steps = releases(plan, simulate(tmp_path, plan))
     first, *_, last = [{(path.name[:7].lower(), version) for path, version in step} for step in steps]
     assert first == {("wi_h1_w", "v01"), ("stereo_", "v01")}
