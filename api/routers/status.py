@@ -132,7 +132,7 @@ def _registry(now: StatusReply) -> CollectorRegistry:
     _gauge("mock_burst_duration_seconds", "Time that the last mock burst took.", took)
     at = None if mock is None else mock.started_utc.timestamp()
     _gauge("mock_burst_timestamp_seconds", "When the last mock burst was sent.", at)
-    _gauge("disk_free_bytes", "Room in the home folder.", now.disk and now.disk.free_bytes)
-    _gauge("disk_total_bytes", "Size of the disk of the home folder.", now.disk and now.disk.total_bytes)
+    _gauge("disk_free_bytes", "Room in the home folder.", now.disk.free_bytes if now.disk else None)
+    _gauge("disk_total_bytes", "Size of the disk of the home folder.", now.disk.total_bytes if now.disk else None)
     _gauge("solutions", "Solutions in the catalogue, superseded ones too.", now.solutions)
     return registry

@@ -184,10 +184,14 @@ def is_due_again(target: Path, now: datetime) -> bool:
     Returns
     -------
     bool
-        True where the file, or its record, is not there.
+        True where the file, or its record, is not there; and where the file is not as long as it was when it came: it
+        is then set aside.
     """
     recorded = versions(target)
     if not target.is_file() or not recorded or not recorded[-1].fetched_utc:
+        return True
+    if target.stat().st_size != recorded[-1].size_bytes:
+        set_aside(target, f"it has {target.stat().st_size} bytes, and had {recorded[-1].size_bytes} when it came")
         return True
     asked = datetime.fromtimestamp(_beside(target, "json").stat().st_mtime, UTC)
     return now - asked >= max(asked - datetime.fromisoformat(recorded[-1].fetched_utc), ASKED_AGAIN_AFTER)

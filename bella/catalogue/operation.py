@@ -277,7 +277,8 @@ class Operation:
             kept = {table_of(DetectionRow), table_of(AlertRow), mocks}
             for table in reversed(Base.metadata.sorted_tables):  # what refers to others goes before them
                 for name, wanted in (("solution_id", solutions), ("burst_id", ids)):
-                    if name in table.c and table not in kept:
+                    known = name in table.c and (table.c[name].foreign_keys or table.c[name].primary_key)
+                    if known and table not in kept:
                         connection.execute(delete(table).where(table.c[name].in_(wanted)))
             connection.execute(delete(mocks).where(old))
         return ids
@@ -351,7 +352,7 @@ def _named(row: Row[Any]) -> dict[str, Any]:
 def _latency(rows: Sequence[Row[Any]], since: str) -> Latency:
     """Quantiles of the time from one of the columns to the publication; those without that time are left out."""
     steps = [row.published_utc - getattr(row, since) for row in rows if getattr(row, since) is not None]
-    ordered = sorted(step / timedelta(seconds=1) for step in steps)
+    ordered: list[float] = sorted(step / timedelta(seconds=1) for step in steps)
     if not ordered:
         return Latency(0, None, None, None, None)
 

@@ -12,6 +12,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from bella.archive import find_datasets
 from bella.arrivals import arrivals_csv
 from bella.bursts import half_maximum_arrivals
 from bella.catalogue import Catalogue
@@ -23,8 +24,7 @@ from bella.pipeline.run import Direct, Run, process_days
 from bella.pipeline.submissions import process_submissions
 from bella.pipeline.workers import Workers
 from bella.settings import Settings
-from bella.spectra.archive import find_datasets
-from tests.spectra.archive_server import cdf
+from tests.archive.server import cdf
 
 DAY = date(2012, 6, 7)
 SIZE_BYTES = 24_000_000

@@ -180,6 +180,17 @@ def test_a_file_that_was_set_aside_is_asked_for_again(world: World) -> None:
     assert held.read_bytes() == cdf()
 
 
+def test_a_file_that_was_cut_on_the_disk_is_set_aside_and_fetched_anew(world: World) -> None:
+    k0 = world.archive.put(path_of(K0, date(2026, 11, 27)), cdf())
+    bring_up_to_date(world.settings, NOW)
+    held = world.settings.mirror_root / k0
+    held.write_bytes(cdf()[:1000])
+    bring_up_to_date(world.settings, NOW + HOUR)
+    assert held.read_bytes() == cdf()
+    assert held.with_name(f".{held.name}.damaged").read_bytes() == cdf()[:1000]
+    assert "it has 1000 bytes" in held.with_name(f".{held.name}.damaged.txt").read_text()
+
+
 def test_a_wrong_answer_about_one_body_keeps_the_others(world: World) -> None:
     def answer(query: dict[str, str]) -> tuple[int, str]:
         return (503, "") if query["COMMAND"] == HORIZONS_IDS["STEREO-A"] else vectors(query)

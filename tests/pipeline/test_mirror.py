@@ -6,11 +6,11 @@ from pathlib import Path
 
 import pytest
 
+from bella.archive import Archive
 from bella.exceptions import StoreError
 from bella.pipeline.mirror import DayFiles, Mirror, answers_of, check_content, fetch_range
 from bella.settings import Settings
-from bella.spectra.archive import Archive
-from tests.spectra.archive_server import DAY, H1, L3, STEREO, Clock, Server, cdf, path_of, status, visit
+from tests.archive.server import DAY, H1, L3, STEREO, Clock, Server, cdf, path_of, status, visit
 
 NEXT = DAY + timedelta(days=1)
 
