@@ -32,11 +32,7 @@ OLDEST_REGIONS = np.timedelta64(48, "h")
 
 SECTION = re.compile(r"\s*#?\s*(I{1,3}|IA)\.\s", re.IGNORECASE)
 REGION = re.compile(r"\s*(\d{1,5})\s+([NS])(\d{2})\s*([EW])(\d{2})\b(.*)", re.IGNORECASE)
-ISSUED = re.compile(
-    r"Issued\s*:?\s*(?:(?P<y1>\d{4})\s+(?P<m1>[A-Z]{3})[a-z]*\s+(?P<d1>\d{1,2})"
-    r"|at\s+\d{4}Z\s+on\s+(?P<d2>\d{1,2})\s+(?P<m2>[A-Z]{3})[a-z]*\s+(?P<y2>\d{4}))",
-    re.IGNORECASE,
-)
+ISSUED = re.compile(r":\s*Issued\s*:\s*(\d{4} [A-Z][a-z]{2} \d{1,2})\b", re.IGNORECASE)
 
 WRAP = 10_000
 """Summaries print four digits: the number after 9999 was 0000."""
@@ -127,7 +123,8 @@ def read_active_regions(path: Path) -> list[SourceRegion]:
     except OSError as error:
         raise InputError(f"{path.name} cannot be read ({error.strerror}): give the text file of NOAA") from error
     issued = next(filter(None, (_issued(line) for line in lines)), None)
-    if issued is None or not any(SECTION.match(line) for line in lines):
+    headings = {found[1].upper() for found in map(SECTION.match, lines) if found}
+    if issued is None or not {"I", "IA"} <= headings:
         raise InputError(f"{path.name} is not a Solar Region Summary: give the text file of NOAA")
     regions, section = [], ""
     for line in lines:
@@ -142,14 +139,9 @@ def read_active_regions(path: Path) -> list[SourceRegion]:
 
 def _issued(line: str) -> datetime | None:
     """Day that a line states as that of issue; None where it states none."""
-    found = ISSUED.search(line)
-    if not found:
-        return None
-    year, month, day = (
-        (found["y1"], found["m1"], found["d1"]) if found["y1"] else (found["y2"], found["m2"], found["d2"])
-    )
+    found = ISSUED.match(line)
     try:
-        return datetime.strptime(f"{year} {month} {day}", "%Y %b %d")  # noqa: DTZ007 - UTC, as all times here
+        return datetime.strptime(found[1], "%Y %b %d") if found else None  # noqa: DTZ007 - UTC, as all times here
     except ValueError:
         return None
 
