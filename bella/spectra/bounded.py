@@ -157,7 +157,7 @@ class ReaderProcess:
             code = 0
         self.stop()
         if code in {0, -signal.SIGXCPU}:
-            return f"reading it does not end within {cpu_s} s"
+            return f"the library that reads it hangs or crashes on it: it does not end within {cpu_s} s"
         return f"the library that reads it hangs or crashes on it, signal {-code}"
 
 
