@@ -2,7 +2,7 @@
 
 import hashlib
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from datetime import UTC, date, datetime, timedelta
 from pathlib import Path
 
@@ -45,6 +45,7 @@ SAME_BURST = timedelta(minutes=10)
 """A burst that begins this near to one of the catalogue is that one, whatever later data say of its onset."""
 
 SHOWN_BEFORE, SHOWN_AFTER = np.timedelta64(20, "m"), np.timedelta64(40, "m")
+DETECTION_FIELDS = frozenset(one.name for one in fields(Detection))
 EDGES = (SHARED, HALF_RISE, "half_maximum")
 """Definitions of the edge with which a burst is timed."""
 
@@ -343,7 +344,7 @@ def detection_records(table: pd.DataFrame, verdicts: dict[str, tuple[str, str]])
     records = []
     for row in table.to_dict("records"):
         times = {name: _utc(row[name]) for name in ("start_utc", "peak_utc", "end_utc")}
-        one = Detection(**{str(name): value for name, value in row.items()} | times)
+        one = Detection(**{str(name): value for name, value in row.items() if name in DETECTION_FIELDS} | times)
         if one.burst_id in verdicts:
             known, reason = verdicts[one.burst_id]
             one = replace(one, burst_id=known, reason=reason, tier=CATALOGUED if reason else LOCALISABLE)

@@ -46,7 +46,7 @@ def epoch_of(cdf: CdfFile, variable: str = "") -> str:
     return found
 
 
-def read_records(  # noqa: PLR0913 - one argument per variable of the file
+def read_records(  # noqa: PLR0913, PLR0917 - one argument per variable of the file
     cdf: CdfFile,
     origin: Origin,
     variable: str,

@@ -94,25 +94,31 @@ class Reader:
 def _unpacked(path: str, head: bytes, begin: int) -> Path:
     """What is packed with gzip from a byte on, behind a new head, in a temporary place."""
     handle, name = tempfile.mkstemp(suffix=".cdf")
-    size = 0
     try:
-        with Path(path).open("rb") as stream, os.fdopen(handle, "wb") as plain:
-            stream.seek(begin)
+        with os.fdopen(handle, "wb") as plain:
             plain.write(head)
-            inflater = zlib.decompressobj(wbits=zlib.MAX_WBITS | 32)
-            while not inflater.eof:
-                packed = inflater.unconsumed_tail or stream.read(PIECE_BYTES)
-                if not packed:
-                    raise ValueError("what it holds is cut short")
-                piece = inflater.decompress(packed, PIECE_BYTES)
-                size += len(piece)
-                if size > LARGEST_BYTES:
-                    raise ValueError(f"it unpacks to more than {LARGEST_BYTES >> 20} MiB")
+            for piece in _pieces(path, begin):
                 plain.write(piece)
     except Exception:
         Path(name).unlink(missing_ok=True)
         raise
     return Path(name)
+
+
+def _pieces(path: str, begin: int) -> Iterator[bytes]:
+    """What is packed with gzip from a byte on, piece by piece."""
+    inflater, size = zlib.decompressobj(wbits=zlib.MAX_WBITS | 32), 0
+    with Path(path).open("rb") as stream:
+        stream.seek(begin)
+        while not inflater.eof:
+            packed = inflater.unconsumed_tail or stream.read(PIECE_BYTES)
+            if not packed:
+                raise ValueError("what it holds is cut short")
+            piece = inflater.decompress(packed, PIECE_BYTES)
+            size += len(piece)
+            if size > LARGEST_BYTES:
+                raise ValueError(f"it unpacks to more than {LARGEST_BYTES >> 20} MiB")
+            yield piece
 
 
 def _check_length(path: str) -> None:
