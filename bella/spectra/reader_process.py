@@ -14,7 +14,7 @@ import struct
 import sys
 import tempfile
 import zlib
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -168,7 +168,7 @@ def probe(path: str) -> None:
 def answers() -> Iterator[tuple[dict[str, Any], bytes | memoryview]]:
     """Answer to each request on the standard input."""
     reader = Reader()
-    does = {
+    does: dict[str, Callable[..., Any]] = {
         "open": reader.open,
         "close": reader.close,
         "describe": reader.describe,

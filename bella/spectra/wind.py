@@ -315,7 +315,7 @@ def _header_times(headers: list[tuple[int, ...]], source: str) -> npt.NDArray[np
             f"{source}: record {row + 1} has the date {calendar[row]}, but its seconds since 1950 are of "
             f"{CALENDAR_1950.astype('M8[s]') + second[row]}: its clock is wrong; take another version of the file"
         )
-    return calendar + np.where(agrees, off, 0).astype("timedelta64[s]")
+    return np.asarray(calendar + np.where(agrees, off, 0).astype("timedelta64[s]"))
 
 
 def _ccsds_s(stamp: bytes) -> int:
