@@ -2,6 +2,7 @@
 
 from dataclasses import asdict
 from datetime import date, datetime, timedelta
+from math import isnan
 from typing import Any, Literal
 from urllib.parse import urlencode
 
@@ -67,6 +68,9 @@ class DetectionReply(Reply):
     score: float = Field(description="Of the matched filter, in standard deviations of noise.")
     drift: float = Field(description="Speed of the beam whose drift fits best, in units of c.")
     peak_db: float = Field(description="Peak over background, dB.")
+    flux_sfu_1au: float | None = Field(
+        description="Largest flux density at 1 au, sfu; null where files do not state it."
+    )
     channels: int
     isolated: bool
     tier: str = Field(description="localisable, catalogued or rejected.")
@@ -77,7 +81,8 @@ class DetectionReply(Reply):
     @classmethod
     def of(cls, one: Detection) -> "DetectionReply":
         """Reply for a detection of the catalogue."""
-        return cls(**(asdict(one) | {"burst_id": one.burst_id or None}))
+        flux = None if isnan(one.flux_sfu_1au) else one.flux_sfu_1au
+        return cls(**(asdict(one) | {"burst_id": one.burst_id or None, "flux_sfu_1au": flux}))
 
 
 class DetectionsReply(Reply):

@@ -50,15 +50,7 @@ def arrivals(  # noqa: PLR0913, PLR0917 - one argument per option
     ] = None,
 ) -> None:
     """Time a burst in spectra: arrival times with their errors, at frequencies that all spacecraft share."""
-    from bella.bursts.timing import EDGES
-
-    if edge not in EDGES:
-        raise InputError(f"--edge {edge}: choose one of {', '.join(EDGES)}")
-    if not 0 < frequencies <= MOST_FREQUENCIES:
-        raise InputError(f"--frequencies {frequencies} is not between 1 and {MOST_FREQUENCIES}")
-    for path in filter(None, (output, covariance)):
-        if not path.parent.is_dir():
-            raise InputError(f"folder {path.parent} does not exist; make it or name another")
+    _check(edge, frequencies, [path for path in (output, covariance) if path])
     moment = instant(around)
     know_updates()
     spectra, left_out = read_fleet(spectrum)
@@ -79,6 +71,19 @@ def arrivals(  # noqa: PLR0913, PLR0917 - one argument per option
     _say(timed, edge, output)
     if left_out or set(spectra) - set(timed.edges["observatory"]):
         raise typer.Exit(1)
+
+
+def _check(edge: str, frequencies: int, written: list[Path]) -> None:
+    """Refuse options that cannot be, before any file is read."""
+    from bella.bursts.timing import EDGES
+
+    if edge not in EDGES:
+        raise InputError(f"--edge {edge}: choose one of {', '.join(EDGES)}")
+    if not 0 < frequencies <= MOST_FREQUENCIES:
+        raise InputError(f"--frequencies {frequencies} is not between 1 and {MOST_FREQUENCIES}")
+    for path in written:
+        if not path.parent.is_dir():
+            raise InputError(f"folder {path.parent} does not exist; make it or name another")
 
 
 def _timed(spectra: "dict[str, xr.Dataset]", moment: "np.datetime64", edge: str) -> "TimedBurst":

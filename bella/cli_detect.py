@@ -90,8 +90,8 @@ def read_fleet(paths: list[Path]) -> "tuple[dict[str, xr.Dataset], int]":
             bar.advance(task)
     if faults and not found:
         raise faults[0]
-    for error in faults:
-        err.print(f"Left out: {error}", soft_wrap=True, highlight=False)
+    for fault in faults:
+        err.print(f"Left out: {fault}", soft_wrap=True, highlight=False)
     return by_observatory(found), len(faults)
 
 

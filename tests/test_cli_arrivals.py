@@ -100,3 +100,32 @@ def test_bad_options_end_in_one_line(files: list[str], tmp_path: Path, arguments
     assert result.exception is not None
     assert message in str(result.exception)
     assert not table.exists()
+
+
+@pytest.mark.parametrize("name", ["WIND", "STEREO-A"])
+def test_one_spacecraft_is_timed_too(files: list[str], tmp_path: Path, name: str) -> None:
+    alone, together = tmp_path / "one.csv", tmp_path / "all.csv"
+    (file,) = [one for one in files if Path(one).stem == name]
+
+    result = run(file, "--around", AROUND, "--edge", "half_maximum", "--output", str(alone))
+    run(*files, "--around", AROUND, "--edge", "half_maximum", "--output", str(together))
+
+    assert result.exit_code == 0, result.output
+    one, every = (pd.read_csv(path, comment="#") for path in (alone, together))
+    assert set(one["observatory"]) == {name}
+    every = every[every["observatory"] == name].sort_values("frequency_mhz")
+    seconds = [pd.to_datetime(table["arrival_utc"]).astype("int64").to_numpy() / 1e9 for table in (one, every)]
+    order = one["frequency_mhz"].argsort()
+    same = np.interp(every["frequency_mhz"], one["frequency_mhz"].iloc[order], seconds[0][order])
+    assert np.median(np.abs(same - seconds[1])) < 10.0
+
+
+def test_a_file_that_cannot_be_read_is_left_out(files: list[str], tmp_path: Path) -> None:
+    broken = tmp_path / "broken.nc"
+    broken.write_bytes(b"broken")
+
+    result = run(*files, str(broken), "--around", AROUND, "--edge", "half_maximum", "--output", str(tmp_path / "a.csv"))
+
+    assert result.exit_code == 1
+    assert "Left out:" in result.output
+    assert pd.read_csv(tmp_path / "a.csv", comment="#")["observatory"].nunique() == 3

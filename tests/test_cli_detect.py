@@ -101,15 +101,18 @@ def test_figures_of_the_days(tmp_path: Path, spectra: dict[str, Path]) -> None:
 
 
 @pytest.mark.parametrize("keep", [0, 100, 0.5])
-def test_a_damaged_file_ends_in_one_line_and_writes_nothing(
-    tmp_path: Path, spectra: dict[str, Path], keep: float
-) -> None:
+def test_a_damaged_file_is_left_out_and_told(tmp_path: Path, spectra: dict[str, Path], keep: float) -> None:
     content = spectra["WIND"].read_bytes()
     damaged = tmp_path / "damaged.nc"
     damaged.write_bytes(content[: int(keep if keep > 1 else keep * len(content))])
 
-    assert "damaged.nc" in refused(spectra["STEREO-A"], damaged, "--output", tmp_path / "found.csv")
-    assert [path.name for path in tmp_path.iterdir()] == ["damaged.nc"]
+    alone = refused(damaged, "--output", tmp_path / "found.csv")
+    beside = detect(spectra["STEREO-A"], damaged, "--output", tmp_path / "found.csv")
+
+    assert "damaged.nc" in alone
+    assert beside.exit_code == 1
+    assert "Left out:" in beside.output
+    assert set(pd.read_csv(tmp_path / "found.csv")["observatory"]) == {"STEREO-A"}
 
 
 def test_a_missing_file_and_a_missing_folder_are_told(tmp_path: Path, spectra: dict[str, Path]) -> None:

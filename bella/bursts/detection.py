@@ -43,16 +43,21 @@ DETECTION_COLUMNS = {
     "drift": "float64",
     "peak_db": "float64",
     "channels": "int64",
+    "flux_sfu_1au": "float64",
     "isolated": "bool",
     "tier": "object",
     "reason": "object",
     "burst_id": "object",
 }
 """Of a detection table, with their types. ``start_utc`` is the onset at the highest frequency, ``drift`` the beam speed
-in units of c that fits best, ``burst_id`` is empty until spacecraft are compared."""
+in units of c that fits best, ``flux_sfu_1au`` the largest flux density at 1 au, NaN where the files do
+not state it, ``burst_id`` is empty until spacecraft are compared."""
 
 FEWEST_MINUTES = BEFORE_RECORDS + 2
 """Those before a rise that it is held against, and two of the rise."""
+
+BAND_EDGE = float(np.sqrt(FREQUENCY_MHZ[1] / FREQUENCY_MHZ[0]))
+"""Half a channel of the grid, as a factor."""
 
 NO_SUPPORT, NO_DRIFT, TOO_LONG = "few_channels_above_0.8_mhz", "no_drift", "lasts_too_long"
 GROUP, GAP = "group", "gap_in_flank"
@@ -127,8 +132,6 @@ def why_not_searchable(grid: SearchGrid) -> str:
     str
         In words, without the name of the spacecraft.
     """
-    if len(grid.excess_db) < FEWEST_MINUTES:
-        return f"it lasts {len(grid.excess_db)} minutes, and a search needs {FEWEST_MINUTES}"
     measured = np.isfinite(grid.noise_db)
     slow = np.broadcast_to(grid.revisit, measured.shape)[~measured]
     above = int(np.count_nonzero(measured & (THRESHOLDS.support_above_mhz < FREQUENCY_MHZ)))
@@ -136,7 +139,9 @@ def why_not_searchable(grid: SearchGrid) -> str:
     if above >= THRESHOLDS.support_channels or (
         some >= THRESHOLDS.kilometric_channels and np.count_nonzero(measured) >= THRESHOLDS.kilometric_all
     ):
-        return ""
+        if len(grid.excess_db) >= FEWEST_MINUTES:
+            return ""
+        return f"it lasts {len(grid.excess_db)} minutes, and a search needs {FEWEST_MINUTES}"
     is_coarse = slow > THRESHOLDS.longest_revisit_minutes
     if is_coarse.any():
         return f"its records are {60.0 * float(np.median(slow[is_coarse])):.0f} s apart, too coarse"
@@ -297,22 +302,32 @@ def detection_row(searched: Searched, one: Candidate, company: str | None = None
     peaks = np.array([_peak(grid.excess_db[:, channel], int(onset[channel]), int(channel)) for channel in band])
     heights = grid.excess_db[peaks, band]
     last = int(peaks[0] + float(decay_s(FREQUENCY_MHZ[band[0]])) // STEP_S)
+    start, end = _utc(grid, onset[band[-1]]), _utc(grid, min(last + 1, len(grid.excess_db)))
     return {
         "observatory": searched.observatory,
-        "start_utc": _utc(grid, onset[band[-1]]),
+        "start_utc": start,
         "peak_utc": _utc(grid, peaks[int(np.nanargmax(heights))] + 0.5),
-        "end_utc": _utc(grid, min(last + 1, len(grid.excess_db))),
+        "end_utc": end,
         "f_low_mhz": float(FREQUENCY_MHZ[band[0]]),
         "f_high_mhz": float(FREQUENCY_MHZ[band[-1]]),
         "score": one.score,
         "drift": BEAM_SPEEDS_C[one.drift],
         "peak_db": float(np.nanmax(heights)),
         "channels": int(one.hit.sum()),
+        "flux_sfu_1au": _flux_sfu_1au(searched.over, FREQUENCY_MHZ[band[[0, -1]]], start, end),
         "isolated": not company,
         "tier": REJECTED if one.reason else CATALOGUED,
         "reason": one.reason or company,
         "burst_id": "",
     }
+
+
+def _flux_sfu_1au(over: xr.Dataset, band_mhz: FloatArray, start: pd.Timestamp, end: pd.Timestamp) -> float:
+    """Largest flux density at 1 au within a band and a time, sfu; NaN where the files do not state it."""
+    if "flux_sfu_1au" not in over:
+        return float("nan")
+    part = over["flux_sfu_1au"].sel(time=slice(start, end), frequency=slice(*(band_mhz * [1 / BAND_EDGE, BAND_EDGE])))
+    return float(part.max()) if part.size and bool(part.notna().any()) else float("nan")
 
 
 def onset_records(one: Candidate) -> npt.NDArray[np.intp]:

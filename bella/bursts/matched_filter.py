@@ -48,7 +48,8 @@ class DetectionThresholds:
         Where they tell, a fit without drift may be better by this: fast beams take a minute through most channels.
     slow_margin : float
         Added to it, and to that of an upward drift, for each further minute that shares a sample: a receiver that looks
-        every three minutes sees no drift that takes less.
+        every three minutes sees no drift that takes less. Of isolated simulated bursts of 10 dB in key parameters, 96 %
+        are found with it (49 of 51), with 0.25 false detections a day.
     longest_revisit_minutes : float
         A channel that is visited less often is not searched: of simulated bursts of 10 dB fewer than half are found
         then.

@@ -6,6 +6,7 @@ All times are UTC; a time without a zone is taken as UTC on the way in, and has 
 from collections.abc import Iterable
 from dataclasses import dataclass, field
 from datetime import date, datetime
+from math import nan
 from typing import Any, Literal
 
 from bella.answer import Answer
@@ -97,6 +98,7 @@ class Detection:
     reason: str
     burst_id: str
     origin: Origin = Origin.ARCHIVE
+    flux_sfu_1au: float = nan
 
 
 @dataclass(frozen=True)

@@ -2,7 +2,8 @@
 
 The name of a file states what it holds: it begins with the name of a spacecraft (``omni``, ``wind``, ``sta`` or
 ``stereoa``, ``stb`` or ``stereob``, ``psp``, ``solo``; dashes and underscores are ignored) and ends in ``.lst``,
-``.dat`` or ``.txt``. Subfolders count; other files are ignored.
+``.dat`` or ``.txt``, or, as the hourly data of OMNI and COHO come from SPDF, in ``.cdf``. Subfolders count; other files
+are ignored.
 """
 
 import hashlib
@@ -20,6 +21,8 @@ import pandas as pd
 from bella.exceptions import InputError, NoDataError
 from bella.solar_wind.assimilation import HALF_ROTATION
 from bella.spacecraft import coverage
+from bella.spectra.beside import epoch_of
+from bella.spectra.cdf import open_cdf
 
 BEGINNINGS = {
     "omni": "WIND",
@@ -33,7 +36,12 @@ BEGINNINGS = {
 }
 """Observatory by the beginning of a name; hourly OMNI counts as measured at Wind, at L1."""
 
-ENDINGS = (".lst", ".dat", ".txt")
+CDF_ENDINGS = (".cdf", ".cdf.gz")
+ENDINGS = (".lst", ".dat", ".txt", *CDF_ENDINGS)
+
+CDF_SPEEDS = ("V", "plasmaSpeed", "ProtonSpeed", "flow_speed", "Flow_Speed", "V_proton", "SW_Speed", "bulkSpeed")
+"""Names of the speed in the hourly CDFs of OMNI, COHO and HelioWeb (SPDF), the first with data is taken."""
+
 HALF_HOUR, NEAREST_HOUR = np.timedelta64(30, "m"), np.timedelta64(6, "h")
 """A speed is that of the middle of its hour; one within six hours of a burst is used for it."""
 
@@ -56,7 +64,7 @@ def hourly_speeds(path: Path) -> pd.Series:
     ----------
     path : Path
         Blanks between the columns; 9999 or more where there is no measurement. The yearly files of OMNI 2
-        (``omni2_YYYY.dat``, 55 words and more) are read as they are.
+        (``omni2_YYYY.dat``, 55 words and more) are read as they are, as are the CDFs of OMNI and COHO.
 
     Returns
     -------
@@ -70,6 +78,8 @@ def hourly_speeds(path: Path) -> pd.Series:
     NoDataError
         If no hour has a measurement.
     """
+    if path.name.lower().endswith(CDF_ENDINGS):
+        return _speeds_of_cdf(path)
     frame = _numbers(path)
     valid = frame[frame["speed_km_s"] < FILL_KM_S]
     if valid.empty:
@@ -78,6 +88,27 @@ def hourly_speeds(path: Path) -> pd.Series:
         raise InputError(f"{path.name} holds speeds that no solar wind has: give km/s, and 9999 for no measurement")
     speeds = pd.Series(valid["speed_km_s"].to_numpy(), index=_utc(valid, path), name=path.stem).sort_index()
     return speeds[~speeds.index.duplicated()]
+
+
+def _speeds_of_cdf(path: Path) -> pd.Series:
+    """Speeds of a CDF, as the mean of what was measured in each hour."""
+    with open_cdf(path) as cdf:
+        name = cdf.first_with_data(*CDF_SPEEDS)
+        if not name:
+            held = [one for one in CDF_SPEEDS if one in cdf.variables]
+            if held:
+                raise NoDataError(f"{path.name} holds no hour with a speed: choose another interval")
+            raise InputError(f"{path.name} has no speed of the solar wind: give hourly data of OMNI or COHO")
+        speed, utc = cdf.numbers(name, 1).astype(np.float64), cdf.utc(epoch_of(cdf, name))
+    if speed.shape != utc.shape:
+        raise InputError(f"{path.name}: {speed.size} speeds for {utc.size} times; take another version of the file")
+    known = np.isfinite(speed) & ~np.isnat(utc) & (speed < FILL_KM_S)
+    if not known.any():
+        raise NoDataError(f"{path.name} holds no hour with a speed: choose another interval")
+    if not ((speed[known] >= 1.0) & (speed[known] <= FASTEST_KM_S)).all():
+        raise InputError(f"{path.name} holds speeds that no solar wind has: give km/s, and 9999 for no measurement")
+    hours = pd.DatetimeIndex(utc[known].astype("datetime64[h]").astype("datetime64[ns]"))
+    return pd.Series(speed[known], index=hours, name=path.stem).groupby(level=0).mean().rename(path.stem)
 
 
 def _numbers(path: Path) -> pd.DataFrame:

@@ -9,9 +9,8 @@ across the far side.
 import hashlib
 import re
 from dataclasses import dataclass, replace
-from datetime import datetime, time
+from datetime import datetime
 from pathlib import Path
-from typing import Any
 
 import astropy.units as u
 import numpy as np
@@ -31,8 +30,17 @@ HOLES_NAME = re.compile(r"coronal-holes-(\d{8}T\d{4})\.csv", re.IGNORECASE)
 OLDEST_REGIONS = np.timedelta64(48, "h")
 """Regions of a time further away are not used: an active region may have appeared or decayed."""
 
-LAST_SHORT_YEAR, LAST_SHORT_NUMBER = 2002, 19_000
-"""In June 2002 the numbers passed 10 000; they are near 15 000 in 2026."""
+SECTION = re.compile(r"\s*#?\s*(I{1,3}|IA)\.\s", re.IGNORECASE)
+REGION = re.compile(r"\s*(\d{1,5})\s+([NS])(\d{2})\s*([EW])(\d{2})\b(.*)", re.IGNORECASE)
+ISSUED = re.compile(r":\s*Issued\s*:\s*(\d{4} [A-Z][a-z]{2} \d{1,2})\b", re.IGNORECASE)
+
+WRAP = 10_000
+"""Summaries print four digits: the number after 9999 was 0000."""
+
+NUMBER_BY_YEAR = ((1972.0, 1), (1996.0, 7_940), (2002.45, 10_000), (2014.2, 12_000), (2022.3, 13_000), (2025.1, 14_000))
+"""Numbers of regions through the years: 10000 was given on 2002-06-14."""
+
+REGIONS_PER_YEAR = 300.0
 
 LARGEST_REGIONS = 1 << 20
 """Bytes: a summary of regions has a few kB."""
@@ -110,37 +118,61 @@ def read_active_regions(path: Path) -> list[SourceRegion]:
     InputError
         If the file is not a Solar Region Summary.
     """
-    from sunpy.io.special.srs import read_srs  # noqa: PLC0415
-
     try:
-        table = read_srs(path)
-        issued = table.meta["issued"]
-        rows = [row for row in table if row["ID"] in {"I", "IA"}]
-        return [_active_region(row, issued) for row in rows]
-    except (OSError, LookupError, ValueError, TypeError, AttributeError) as error:
-        raise InputError(
-            f"{path.name} is not a Solar Region Summary ({type(error).__name__}); give the text file of NOAA"
-        ) from error
+        lines = path.read_text(encoding="latin-1").splitlines()
+    except OSError as error:
+        raise InputError(f"{path.name} cannot be read ({error.strerror}): give the text file of NOAA") from error
+    issued = next(filter(None, (_issued(line) for line in lines)), None)
+    headings = {found[1].upper() for found in map(SECTION.match, lines) if found}
+    if issued is None or not {"I", "IA"} <= headings:
+        raise InputError(f"{path.name} is not a Solar Region Summary: give the text file of NOAA")
+    regions, section = [], ""
+    for line in lines:
+        heading = SECTION.match(line)
+        section = heading[1].upper() if heading else section
+        row = REGION.match(line) if section in {"I", "IA"} else None
+        # rows that are no region (remarks, a number of nines) are left out
+        if row and row[1].strip("9 ") and int(row[3]) <= 90:
+            regions.append(_active_region(row, issued, spotless=section == "IA"))
+    return regions
 
 
-def _active_region(row: Any, issued: datetime) -> SourceRegion:
-    extent, spotless = row["Longitudinal Extent"], row["ID"] == "IA"
-    width = LEAST_EXTENT_DEG if spotless else max(float(u.Quantity(extent).value), LEAST_EXTENT_DEG)
+def _issued(line: str) -> datetime | None:
+    """Day that a line states as that of issue; None where it states none."""
+    found = ISSUED.match(line)
+    try:
+        return datetime.strptime(found[1], "%Y %b %d") if found else None  # noqa: DTZ007 - UTC, as all times here
+    except ValueError:
+        return None
+
+
+def _active_region(row: "re.Match[str]", issued: datetime, *, spotless: bool) -> SourceRegion:
+    words = [] if spotless else row[6].split()
+    numbers = [word for word in words[2:] if word.isdigit()]  # after Carrington longitude and area: extent, spots
+    width = float(numbers[0]) if numbers else 0.0
+    names = [word for word in words if not word.isdigit()]
+    sign = {"N": 1.0, "S": -1.0, "W": 1.0, "E": -1.0}
     return SourceRegion(
-        name=str(_region_number(int(row["Number"]), issued)),
+        name=str(_region_number(int(row[1]), issued)),
         kind="active region",
-        longitude_deg=float(u.Quantity(row["Longitude"]).value),
-        latitude_deg=float(u.Quantity(row["Latitude"]).value),
-        width_deg=width,
+        longitude_deg=sign[row[4].upper()] * float(row[5]),
+        latitude_deg=sign[row[2].upper()] * float(row[3]),
+        width_deg=max(width, LEAST_EXTENT_DEG),
         height_deg=float("nan"),
-        utc=np.datetime64(datetime.combine(issued.date(), time()), "ns"),
-        remark="plage" if spotless else str(row["Mag Type"]),
+        utc=np.datetime64(issued, "ns"),
+        remark="plage" if spotless else (names[-1] if names else "no magnetic class"),
     )
 
 
 def _region_number(number: int, issued: datetime) -> int:
-    """Number of a region: sunpy adds 10 000 to all of four digits from 2002-06 on, also to those before 10 000."""
-    return number - 10_000 if number >= LAST_SHORT_NUMBER and issued.year == LAST_SHORT_YEAR else number
+    """Number of a region from its last four digits, as near as possible to that of its time."""
+    if number >= WRAP:
+        return number
+    years = [float(year) for year, _ in NUMBER_BY_YEAR]
+    now = issued.year + issued.timetuple().tm_yday / 366.0
+    expected = float(np.interp(now, years, [known for _, known in NUMBER_BY_YEAR]))
+    expected += REGIONS_PER_YEAR * max(0.0, now - years[-1])
+    return number + WRAP * max(0, round((expected - number) / WRAP))
 
 
 def read_coronal_holes(path: Path, utc: np.datetime64) -> list[SourceRegion]:

@@ -139,7 +139,7 @@ def dates_in(name: str) -> list[np.datetime64]:
     list of numpy.datetime64
         Midnights, UTC, ns.
     """
-    days = []
+    days: list[np.datetime64] = []
     for year, month, day in re.findall(r"(?<!\d)((?:19|20)\d{2})(\d{2})(\d{2})(?!\d)", name):
         with suppress(ValueError):
             days.append(np.datetime64(f"{year}-{month}-{day}", "ns"))

@@ -28,6 +28,9 @@ LARGEST_SPREAD_DB = 1.5
 """How far the quartiles of the channels may be apart where a lift counts as a step of the gain."""
 
 FEWEST_CHANNELS_FOR_A_STEP = 8
+CHANNELS_AT_ONCE = 64
+"""Channels whose samples are turned at once, so that a long day takes little memory."""
+
 QUIET_SD = 2.0
 SUBTRACTED_SHARE = 0.02
 """From this share of samples not above zero on, the background of a channel was taken away before publication."""
@@ -119,13 +122,24 @@ def quiet_level(intensity_db: FloatArray, time: Instants) -> Background:
     InputError
         If the shapes do not match, or there are no records.
     """
+    return _quiet(intensity_db, _levels(_medians(intensity_db, time)), time)
+
+
+def _medians(intensity_db: FloatArray, time: Instants) -> FloatArray:
+    """Median of every block of a spectrum, shape (block, frequency)."""
     seconds = _seconds(intensity_db, time)
-    edges = np.arange(0.0, seconds[-1] + BLOCK_S, BLOCK_S)
-    medians = _block_medians(intensity_db, np.searchsorted(seconds, edges))
-    centres = edges[: len(medians)] + 0.5 * BLOCK_S
-    levels = _held_down(_followed(medians))
-    level_db = _interpolated(levels, centres, seconds)
-    return _centred(intensity_db, level_db)
+    return _block_medians(intensity_db, np.searchsorted(seconds, np.arange(0.0, seconds[-1] + BLOCK_S, BLOCK_S)))
+
+
+def _levels(medians: FloatArray) -> FloatArray:
+    """Quiet level of every block, of all channels together."""
+    return _held_down(_followed(medians))
+
+
+def _quiet(intensity_db: FloatArray, levels: FloatArray, time: Instants) -> Background:
+    """Quiet level of every record from those of the blocks."""
+    centres = (np.arange(len(levels)) + 0.5) * BLOCK_S
+    return _centred(intensity_db, _interpolated(levels, centres, _seconds(intensity_db, time)))
 
 
 def over_background(spectrum: xr.Dataset) -> xr.Dataset:
@@ -147,13 +161,18 @@ def over_background(spectrum: xr.Dataset) -> xr.Dataset:
     InputError
         If the quantity is not known.
     """
-    level = decibels(spectrum)
-    quiet = quiet_level(level, spectrum["time"].to_numpy())
+    ordered = spectrum.transpose("time", "frequency", ...)
+    channels, time = ordered.sizes["frequency"], ordered["time"].to_numpy()
+    parts = [slice(begin, begin + CHANNELS_AT_ONCE) for begin in range(0, max(channels, 1), CHANNELS_AT_ONCE)]
+    levels = _levels(np.concatenate([_medians(decibels(ordered.isel(frequency=part)), time) for part in parts], axis=1))
+    excess_db = np.empty((time.size, channels), dtype=np.float32)
+    noise_db = np.empty(channels, dtype=np.float32)
+    for part in parts:
+        level = decibels(ordered.isel(frequency=part))
+        quiet = _quiet(level, levels[:, part], time)
+        excess_db[:, part], noise_db[part] = level - quiet.level_db, quiet.noise_db
     attributes = {name: value for name, value in spectrum.attrs.items() if name != "power_exponent"}
-    over = spectrum.transpose("time", "frequency", ...).assign(
-        intensity=(("time", "frequency"), (level - quiet.level_db).astype(np.float32)),
-        noise_db=("frequency", quiet.noise_db.astype(np.float32)),
-    )
+    over = ordered.assign(intensity=(("time", "frequency"), excess_db), noise_db=("frequency", noise_db))
     over.attrs = attributes | {
         "quantity": "db_over_background",
         "background": f"{QUANTILE:g} quantile of {BLOCK_S / 60:g} min medians over {WINDOW_S / 3600:g} h, "

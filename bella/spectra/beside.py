@@ -46,7 +46,7 @@ def epoch_of(cdf: CdfFile, variable: str = "") -> str:
     return found
 
 
-def read_records(  # noqa: PLR0913 - one argument per variable of the file
+def read_records(  # noqa: PLR0913, PLR0917 - one argument per variable of the file
     cdf: CdfFile,
     origin: Origin,
     variable: str,
@@ -157,7 +157,7 @@ class Beside:
         for name in self._named(FLAGS):
             flag = self.matrix(name)
             if flag is not None:
-                return np.isfinite(flag) & (flag != 0.0)
+                return np.asarray(np.isfinite(flag) & (flag != 0.0))
         return None
 
     def matrix(self, name: str) -> npt.NDArray[Any] | None:
@@ -196,11 +196,11 @@ def _without_flagged(
     flagged: npt.NDArray[np.bool_], frequency_mhz: npt.NDArray[Any], values: npt.NDArray[Any], source: str
 ) -> npt.NDArray[np.bool_]:
     """Take the samples away that were not measured; which channels never were, shape (channels,)."""
-    never = flagged.all(axis=0)
+    never: npt.NDArray[np.bool_] = np.asarray(flagged.all(axis=0))
     values[flagged & ~never] = np.nan
     if frequency_mhz.ndim == 2:
         _, spread = shared_channels(frequency_mhz, np.where(flagged, 0.0, 1.0), source)
-        never = ~(spread == 1.0).any(axis=0)
+        never = np.asarray(~(spread == 1.0).any(axis=0))
     return never
 
 

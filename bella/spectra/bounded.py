@@ -141,7 +141,7 @@ class ReaderProcess:
         if dtype.kind not in "iufc" or not 0 <= dtype.itemsize * math.prod(shape) <= LARGEST_ANSWER_BYTES:
             raise EOFError
         values = np.empty(shape, dtype)
-        left = memoryview(values).cast("B") if values.size else memoryview(b"")
+        left = values.data.cast("B") if values.size else memoryview(b"")
         while left:
             count = stream.readinto(left)  # type: ignore[attr-defined]
             if not count:
@@ -157,7 +157,7 @@ class ReaderProcess:
             code = 0
         self.stop()
         if code in {0, -signal.SIGXCPU}:
-            return f"reading it does not end within {cpu_s} s"
+            return f"the library that reads it hangs or crashes on it: it does not end within {cpu_s} s"
         return f"the library that reads it hangs or crashes on it, signal {-code}"
 
 

@@ -80,9 +80,9 @@ class CdfFile:
         return next((name for name in variables if self.has_records(name) and self._has_values(name)), "")
 
     def _has_values(self, variable: str) -> bool:
+        if self._description(variable)["kind"] in {CDF_EPOCH, CDF_EPOCH16, CDF_TIME_TT2000}:
+            return bool((~np.isnat(self.utc(variable))).any())
         try:
-            if self._description(variable)["kind"] in {CDF_EPOCH, CDF_EPOCH16, CDF_TIME_TT2000}:
-                return bool((~np.isnat(self.utc(variable))).any())
             return bool(np.isfinite(self.numbers(variable)).any())
         except InputError:
             return False

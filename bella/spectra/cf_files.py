@@ -230,10 +230,11 @@ def to_radiospectra(spectrum: xr.Dataset) -> "GenericSpectrogram":
 def event_spectra() -> xr.DataTree:
     """Spectra of the built-in event of 2012-06-07, as seen by Wind, STEREO-A and STEREO-B, read off a published figure.
 
-    The figure belongs to the public notebook TDOA_OpenSource.ipynb (STBadman/Radio-Public, doi:10.5281/zenodo.10107890).
-    Its colour map can be inverted exactly, so the values are good to 1/255 and the times to 3 s. Each channel is divided
-    by its maximum between 19:25 and 20:30 UT. What Wind shows is a ratio of voltages, what STEREO shows a flux (the
-    attribute ``power_exponent`` says so): only the square of Wind's values decays as fast as what STEREO shows.
+    The figure belongs to the public notebook TDOA_OpenSource.ipynb (STBadman/Radio-Public,
+    doi:10.5281/zenodo.10107890). Its colour map can be inverted exactly, so the values are good to 1/255 and the times
+    to 3 s. Each channel is divided by its maximum between 19:25 and 20:30 UT. What Wind shows is a ratio of voltages,
+    what STEREO shows a flux (the attribute ``power_exponent`` says so): only the square of Wind's values decays as fast
+    as what STEREO shows.
 
     Returns
     -------

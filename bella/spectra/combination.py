@@ -61,7 +61,8 @@ def combine_receivers(first: xr.Dataset, second: xr.Dataset) -> xr.Dataset:
 def join_days(spectra: Sequence[xr.Dataset]) -> xr.Dataset:
     """Spectra of one receiver that follow one another as one: files that end before or after midnight, or overlap.
 
-    A record that two files hold is kept once: that with most data, of equal ones that of the file given first. Channels that a file lacks are NaN there.
+    A record that two files hold is kept once: that with most data, of equal ones that of the file given first. Channels
+    that a file lacks are NaN there.
     What is relative to the background of a day (``voltage_ratio``, ``db_over_background``) stays relative to that of
     its own day, and may step at midnight. Positions of the spacecraft are kept.
 

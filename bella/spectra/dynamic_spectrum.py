@@ -14,9 +14,10 @@ A dynamic spectrum is an :class:`xarray.Dataset` with dimensions ``time`` and ``
 - optional ``position_km(time, axis)``: where the spacecraft was, NaN where not known, with the attribute ``frame``, one
   of ``POSITION_FRAMES``;
 - attributes ``observatory``, ``receiver``, ``quantity`` (one of ``QUANTITIES``), ``integration_s``, ``source_files``;
-- attribute ``origin``, one of :class:`bella.records.Origin`, which the reader fills in: ``archive``, ``simulated`` where
-  the file says so, ``user`` for netCDF and Zarr without it; optional ``quirks``, names of the known quirks of the
-  instrument that apply (:mod:`bella.spectra.quirks`), and ``left_out``, variables of the file that did not fit, both with semicolons between the names;
+- attribute ``origin``, one of :class:`bella.records.Origin`, which the reader fills in: ``archive``, ``simulated``
+  where the file says so, ``user`` for netCDF and Zarr without it;
+- optional attributes ``quirks``, names of the known quirks of the instrument that apply (:mod:`bella.spectra.quirks`),
+  and ``left_out``, variables of the file that did not fit, with semicolons between the names;
 - optional attribute ``power_exponent`` with ``relative_flux``: 2 where intensity is an amplitude, as of Wind, else 1.
 
 Whatever is written in this form to netCDF or Zarr can be fed in, whichever instrument it comes from.

@@ -98,7 +98,7 @@ def join_positions(joined: xr.Dataset, parts: Sequence[xr.Dataset]) -> xr.Datase
 
 
 def receiver_position(spectrum: xr.Dataset, utc: np.datetime64) -> ReceiverPosition:
-    """Where the receiver of a spectrum was: as its file says where the ephemeris does not contradict, else as that says.
+    """Where the receiver of a spectrum was: as its file says unless the ephemeris contradicts, else as that says.
 
     Parameters
     ----------

@@ -22,7 +22,7 @@ from bella.spectra.quirks import quirks_of
 
 Spectra = tuple[xr.Dataset, ...]
 
-HDF5, NETCDF3, IDL, GZIP = b"\x89HDF", b"CDF", b"SR\x00", b"\x1f\x8b"
+HDF5, NETCDF3, IDL, GZIP, FITS = b"\x89HDF", b"CDF", b"SR\x00", b"\x1f\x8b", b"SIMPLE  ="
 CONTAINERS = {"cdf": "a CDF", "idl": "an IDL save set", "binary": "a binary", "text": "a table", "cf": "netCDF"}
 ORIGIN_ATTRIBUTE = "Bella_origin"
 """Attribute of a CDF that was not measured: files that `bella simulate` writes say ``simulated`` in it."""
@@ -324,6 +324,10 @@ def open_spectra(path: str | Path) -> Spectra:
     is_packed = head.startswith(GZIP)
     if head.startswith(MAGIC) or (is_packed and found is not None and found[0].container == "cdf"):
         return _open_archive_cdf(path)
+    if head.startswith(FITS):
+        raise InputError(
+            f"{path} is FITS: read it with radiospectra and bella.spectra.from_radiospectra (docs/spectra.md)"
+        )
     if is_packed:
         raise InputError(f"{path} is packed with gzip: unpack it with gunzip")
     if head.startswith((HDF5, NETCDF3)):

@@ -7,14 +7,14 @@ A request is a line of JSON, an answer a line of JSON and, where it has an array
 """
 
 import contextlib
-import gzip
 import json
 import os
 import resource
 import struct
 import sys
 import tempfile
-from collections.abc import Iterator
+import zlib
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -30,6 +30,9 @@ GZIP = b"\x1f\x8b"
 VERSION_2 = (b"\xcd\xf2\x60\x02", b"\x00\x00\xff\xff")
 UNPACKED = b"\x00\x00\xff\xff"
 PIECE_BYTES = 1 << 20
+UNCOMPRESSED, COMPRESSED = b"\xcd\xf3\x00\x01\x00\x00\xff\xff", b"\xcd\xf3\x00\x01\xcc\xcc\x00\x01"
+CCR_BYTES = 40
+"""Before what is compressed: eight bytes that mark the file, and the head of the record that holds it."""
 
 
 class Reader:
@@ -43,9 +46,11 @@ class Reader:
         """Open a CDF, which may be a .cdf.gz; returns the names of its variables."""
         self.close()
         with Path(path).open("rb") as stream:
-            is_packed = stream.read(2) == GZIP
-        if is_packed:
-            self._unpacked = _unpacked(path)
+            head = stream.read(CCR_BYTES + 2)
+        if head.startswith(GZIP):
+            self._unpacked = _unpacked(path, b"", 0)
+        elif head.startswith(COMPRESSED) and head.endswith(GZIP):  # cdflib unpacks the other kind, run lengths
+            self._unpacked = _unpacked(path, UNCOMPRESSED, CCR_BYTES)
         plain = str(self._unpacked or path)
         _check_length(plain)
         self._cdf = cdflib.CDF(plain)
@@ -86,16 +91,13 @@ class Reader:
         return values.astype(values.dtype.newbyteorder("="), copy=False)
 
 
-def _unpacked(path: str) -> Path:
-    """A file without its gzip, in a temporary place."""
+def _unpacked(path: str, head: bytes, begin: int) -> Path:
+    """What is packed with gzip from a byte on, behind a new head, in a temporary place."""
     handle, name = tempfile.mkstemp(suffix=".cdf")
-    size = 0
     try:
-        with gzip.open(path, "rb") as packed, os.fdopen(handle, "wb") as plain:
-            while piece := packed.read(PIECE_BYTES):
-                size += len(piece)
-                if size > LARGEST_BYTES:
-                    raise ValueError(f"it unpacks to more than {LARGEST_BYTES >> 20} MiB")
+        with os.fdopen(handle, "wb") as plain:
+            plain.write(head)
+            for piece in _pieces(path, begin):
                 plain.write(piece)
     except Exception:
         Path(name).unlink(missing_ok=True)
@@ -103,8 +105,24 @@ def _unpacked(path: str) -> Path:
     return Path(name)
 
 
+def _pieces(path: str, begin: int) -> Iterator[bytes]:
+    """What is packed with gzip from a byte on, piece by piece."""
+    inflater, size = zlib.decompressobj(wbits=zlib.MAX_WBITS | 32), 0
+    with Path(path).open("rb") as stream:
+        stream.seek(begin)
+        while not inflater.eof:
+            packed = inflater.unconsumed_tail or stream.read(PIECE_BYTES)
+            if not packed:
+                raise ValueError("what it holds is cut short")
+            piece = inflater.decompress(packed, PIECE_BYTES)
+            size += len(piece)
+            if size > LARGEST_BYTES:
+                raise ValueError(f"it unpacks to more than {LARGEST_BYTES >> 20} MiB")
+            yield piece
+
+
 def _check_length(path: str) -> None:
-    """Hold the length that an uncompressed CDF states (CDF Internal Format Description, GDR.eof) against the file's."""
+    """Hold what an uncompressed CDF states of its length (CDF Internal Format Description, GDR) against the file's."""
     size = Path(path).stat().st_size
     with Path(path).open("rb") as stream:
         head = stream.read(28)
@@ -114,10 +132,12 @@ def _check_length(path: str) -> None:
         (place,) = struct.unpack_from(">i", head, 16) if is_old else struct.unpack_from(">q", head, 20)
         if not 0 <= place < size:
             raise ValueError(f"it ends early: a record is at byte {place} of {size}")
-        stream.seek(place + (20 if is_old else 36))
-        stated = int.from_bytes(stream.read(4 if is_old else 8), "big")
-    if stated > size:
-        raise ValueError(f"it ends early: {size} of {stated} bytes")
+        stream.seek(place)
+        general = stream.read(24 if is_old else 44)
+    width, begin = (4, 8) if is_old else (8, 12)
+    places = [int.from_bytes(general[begin + n * width : begin + (n + 1) * width], "big") for n in range(4)]
+    if max(places) > size:  # the first variables and attributes, and the end of the file
+        raise ValueError(f"it ends early: {size} of {max(places)} bytes")
 
 
 def probe(path: str) -> None:
@@ -148,7 +168,7 @@ def probe(path: str) -> None:
 def answers() -> Iterator[tuple[dict[str, Any], bytes | memoryview]]:
     """Answer to each request on the standard input."""
     reader = Reader()
-    does = {
+    does: dict[str, Callable[..., Any]] = {
         "open": reader.open,
         "close": reader.close,
         "describe": reader.describe,

@@ -128,8 +128,9 @@ def read_l3(cdf: CdfFile, receiver: str) -> tuple[xr.Dataset, ...]:
 
     Not yet run on an archive file: written to the published description of the product. The background is subtracted
     already, so that flux may be negative where there is none. The unit of frequency is read from the file, as manual
-    and files do not agree on it. Where the file has TIMING, every sample has its own time. The HFR steps through its channels (Bougeret et al. 2008, Space Sci. Rev. 136, 487,
-    doi:10.1007/s11214-007-9298-8), so that a sample takes no longer than the sweep over their number.
+    and files do not agree on it. Where the file has TIMING, every sample has its own time. The HFR steps through its
+    channels (Bougeret et al. 2008, Space Sci. Rev. 136, 487, doi:10.1007/s11214-007-9298-8), so that a sample takes no
+    longer than the sweep over their number.
 
     Parameters
     ----------

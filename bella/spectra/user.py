@@ -36,7 +36,7 @@ class UserDay:
 
     day: date
     spectra: dict[str, xr.Dataset]
-    """By observatory, all its receivers together, of origin ``user``; with what belongs to the day of those around it."""
+    """By observatory, all its receivers together, of origin ``user``; with the ends of the days around it."""
     positions: dict[str, ReceiverPosition]
     """At noon, by observatory; :func:`bella.spectra.receiver_position` gives those of another time."""
     files: tuple[Path, ...]
@@ -90,7 +90,9 @@ class UserFolder:
                     used.append(file.path)
         if not parts:
             raise NoDataError(f"the folder has no record of {day}")
-        spectra, positions, left_out = by_observatory(parts), {}, []
+        end = begin + np.timedelta64(1, "D")
+        spectra = {name: one for name, one in by_observatory(parts).items() if _has_records(one, begin, end)}
+        positions, left_out = {}, []
         for name, spectrum in spectra.items():
             try:
                 positions[name] = receiver_position(spectrum, begin + np.timedelta64(12, "h"))
@@ -144,6 +146,11 @@ def _candidates(folder: Path) -> Iterator[Path]:
             yield from (path,) if is_store else _candidates(path)
         elif path.name.lower().endswith(ENDINGS) or find_product(path.name) is not None:
             yield path
+
+
+def _has_records(spectrum: xr.Dataset, begin: np.datetime64, end: np.datetime64) -> bool:
+    time = spectrum["time"].to_numpy()
+    return bool(((time >= begin) & (time < end)).any())
 
 
 def _origin(spectrum: xr.Dataset) -> str:

@@ -1,5 +1,6 @@
-"""Wind/WAVES: CDFs at 1 minute (H1), at native cadence (L2), key parameters (K0) and RAD1 direction finding (L3), the
-60-s binary of CDPP, and the IDL save sets of the 1-minute averages.
+"""Wind/WAVES: CDFs, the 60-s binary of CDPP, and the IDL save sets of the 1-minute averages.
+
+The CDFs are at 1 minute (H1), at native cadence (L2), key parameters (K0), and RAD1 direction finding (L3).
 """
 
 import struct
@@ -22,7 +23,7 @@ from bella.spectra.wind_minutes import with_sweeps, with_visits
 OBSERVATORY = "WIND"
 ANGLES = ("colatitude", "azimuth")
 DENSITIES = ("PSD_V2_SP", "PSD_V2_Z", "PSD_V2_S", "PSD_V2")
-"""Antennas of L2, the best first: the summed pair, the one along the spin axis, the one in the spin plane; TNR has one."""
+"""Antennas of L2, the best first: the summed pair, along the spin axis, in the spin plane; TNR has one."""
 
 AS_FULL = 0.02
 """Another antenna is taken where it has so much more data."""
@@ -314,7 +315,7 @@ def _header_times(headers: list[tuple[int, ...]], source: str) -> npt.NDArray[np
             f"{source}: record {row + 1} has the date {calendar[row]}, but its seconds since 1950 are of "
             f"{CALENDAR_1950.astype('M8[s]') + second[row]}: its clock is wrong; take another version of the file"
         )
-    return calendar + np.where(agrees, off, 0).astype("timedelta64[s]")
+    return np.asarray(calendar + np.where(agrees, off, 0).astype("timedelta64[s]"))
 
 
 def _ccsds_s(stamp: bytes) -> int:

@@ -1,6 +1,6 @@
 """The 1-minute averages of Wind/WAVES: which samples were measured, and when.
 
-RAD1. In its list mode RAD1 hops through 64 steps of 2.86 s on 32 frequencies: the lowest are visited once in 183 s, the
+RAD1. In its list mode it hops through 64 steps of 2.86 s on 32 frequencies: the lowest are visited once in 183 s, the
 highest four times. In the 1-minute files, what was not visited in a minute, channel or sample, is a straight line in
 frequency between its measured neighbours. So which minutes hold a visit is seen in the file itself, and with the order
 of the list this gives the time of every visit to a second, where the stamp of the minute is off by 7 s (standard
@@ -10,9 +10,9 @@ The order is that of the direction-finding file of 2020-07-11, whose samples car
 of the minutes in the 1-minute files of 2010-01-17 and of 2020-07-21. RAD1 is described by Bougeret et al. 1995, Space
 Sci. Rev. 71, 231, doi:10.1007/BF00751331.
 
-RAD2. RAD2 sweeps upward through its 256 channels in 16.192 s, so a minute of a channel is the mean of three or four snapshots
-and the mean of their times is off the middle of the minute by up to 8 s, 2.9 s in standard deviation. All channels of a
-burst err together, as neighbours are sampled together.
+RAD2. It sweeps upward through its 256 channels in 16.192 s, so a minute of a channel is the mean of three or four
+snapshots and the mean of their times is off the middle of the minute by up to 8 s, 2.9 s in standard deviation. All
+channels of a burst err together, as neighbours are sampled together.
 
 Means of three snapshots scatter more than those of four. So the noise of a day tells which minutes held three, and that
 when the sweeps began.

@@ -15,7 +15,8 @@ UTC_TIME = sa.DateTime(timezone=True)
 
 
 def upgrade() -> None:
-    """Add the tables."""
+    """Add the tables, and the flux of detections at 1 au."""
+    op.add_column("detection", sa.Column("flux_sfu_1au", sa.Double(), nullable=True))
     op.create_table(
         "freshness",
         sa.Column("dataset", sa.String(), nullable=False),
@@ -69,6 +70,7 @@ def upgrade() -> None:
 
 
 def downgrade() -> None:
-    """Remove the tables."""
+    """Remove the tables and the column."""
+    op.drop_column("detection", "flux_sfu_1au")
     for name in ("observed_day", "mock_run", "solution_times", "freshness"):
         op.drop_table(name)

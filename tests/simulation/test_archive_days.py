@@ -194,7 +194,7 @@ def test_a_folder_that_cannot_be_written_is_one_line(tmp_path: Path) -> None:
         (["--days", "0"], "--days 0 is not between 1 and 366"),
         (["--seed", "-1"], "--seed -1 is below 0"),
         (["--from", "yesterday"], "'yesterday' is not a day"),
-        (["--dataset", "WI_K0_WAV"], "cannot be simulated"),
+        (["--dataset", "WI_WA_RAD1_L3_DF"], "cannot be simulated"),
         (["--dataset", "NONE"], "is not known"),
         (["--from", "1990-01-01"], "the ephemeris has WIND from 2006"),
         (

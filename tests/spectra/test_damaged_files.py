@@ -17,8 +17,8 @@ import xarray as xr
 from bella.exceptions import InputError
 from bella.simulation import archive_files
 from bella.spectra import open_spectra
-from bella.spectra.bounded import BoundedStream, inflate
-from bella.spectra.user import check_hdf5
+from bella.spectra.bounded import READER, inflate
+from bella.spectra.cf_files import check_hdf5
 from tests.fuzz.damage import attempt
 from tests.spectra import written
 
@@ -121,8 +121,8 @@ def test_lies_about_sizes_are_found_out(wind_l2: Path, damage: Callable[[bytearr
 
     outcome = attempt(wind_l2, memory=True)
 
-    assert outcome.message.startswith(str(wind_l2))
-    assert outcome.message.endswith("download it again")
+    assert outcome.message.startswith((str(wind_l2), wind_l2.name))
+    assert outcome.message.endswith(("download it again", "take another version of the file"))
     assert "\n" not in outcome.message
     assert outcome.seconds < SECONDS
     assert outcome.peak_bytes < PEAK_BYTES
@@ -261,11 +261,29 @@ def test_a_file_that_may_not_be_read_is_told(tmp_path: Path, monkeypatch: pytest
         open_spectra(tmp_path / WIND_L2)
 
 
-@pytest.mark.parametrize("magic", [b"\xcd\xf2\x60\x02\xcc\xcc\x00\x01", b"\xcd\xf3\x00\x01\x00\x00\xff\x00"])
-def test_no_other_compression_is_tried(wind_l2: Path, magic: bytes) -> None:
-    wind_l2.write_bytes(magic + wind_l2.read_bytes()[8:])
+def test_a_file_packed_with_gzip_is_read(wind_l2: Path) -> None:
+    packed = wind_l2.with_name(wind_l2.name + ".gz")
+    packed.write_bytes(gzip.compress(wind_l2.read_bytes()))
 
-    assert "compressed as a whole" in attempt(wind_l2).message
+    (read,) = open_spectra(packed)
+
+    assert read.equals(open_spectra(wind_l2)[0].assign_coords())
+    packed.write_bytes(packed.read_bytes()[:-100])
+    assert "cannot be read as CDF" in attempt(packed).message
+
+
+def test_what_is_packed_and_no_cdf_says_how_to_unpack(tmp_path: Path) -> None:
+    path = tmp_path / "wi_wa_rad1_l2_60s_20120607_v01.dat.gz"
+    path.write_bytes(gzip.compress(b"x" * 100))
+
+    assert attempt(path).message == f"{path} is packed with gzip: unpack it with gunzip"
+
+
+def test_the_process_that_reads_is_started_anew_after_a_crash(wind_l2: Path) -> None:
+    open_spectra(wind_l2)
+    READER.stop()
+
+    assert open_spectra(wind_l2)[0].sizes["time"] == 60
 
 
 def test_a_cdf_of_another_product_under_the_name_of_a_binary_is_refused(wind_l2: Path) -> None:
@@ -343,16 +361,3 @@ def test_netcdf_cut_short_is_refused(
     path.write_bytes(content[: int(share * len(content))])
 
     assert attempt(path).message.startswith(f"{path} cannot be read as netCDF or Zarr")
-
-
-def test_a_stream_gives_no_more_than_the_file_has(tmp_path: Path) -> None:
-    (tmp_path / "x").write_bytes(bytes(10))
-    stream = BoundedStream((tmp_path / "x").open("rb"))
-
-    for impossible in (stream.read, lambda: stream.read(11), lambda: stream.seek(11)):
-        with pytest.raises(ValueError, match=r"claims|ends early"):
-            impossible()
-    stream.seek(8)
-    with pytest.raises(ValueError, match="ends early"):
-        stream.read(4)
-    stream.close()

@@ -7,13 +7,13 @@ import numpy as np
 import pytest
 import xarray as xr
 
-from bella.exceptions import InputError, NoDataError
+from bella.exceptions import NoDataError
 from bella.simulation import archive_files
 from bella.simulation.archive_days import write_spectra
 from bella.spacecraft import hee_to, position
-from bella.spectra import combine_receivers, given_position_hee, join_days, open_spectra
+from bella.spectra import combine_receivers, join_days, open_spectra, receiver_position
 from bella.spectra.assembly import Origin, assemble
-from bella.spectra.positions import EARTH_RADIUS_KM, positions_at, with_positions
+from bella.spectra.positions import DISAGREEMENT_FLAG, EARTH_RADIUS_KM, positions_at, with_positions
 from bella.units import R_SUN_KM
 from tests.spectra import written
 
@@ -86,13 +86,15 @@ def test_positions_in_another_unit_are_left_out(tmp_path: Path, unit: str) -> No
     assert ("position_km" in read) is (unit == "km")
 
 
-def test_there_is_one_position_for_each_record(tmp_path: Path) -> None:
+def test_positions_that_do_not_fit_the_records_are_left_out(tmp_path: Path) -> None:
     path, flux = tmp_path / "sta_l3_wav_hfr_20211120_v01.cdf", np.ones((100, 2), dtype=np.float32)
     beside = archive_files.Beside(position_km=np.ones((99, 3)))
     archive_files.write_stereo_l3(path, UTC, np.array([1e6, 2e6]), flux, beside)
 
-    with pytest.raises(InputError, match=r"SC_POS_HEE has the shape \(99, 3\), not \(100, 3\)"):
-        open_spectra(path)
+    (read,) = open_spectra(path)
+
+    assert "position_km" not in read
+    assert read.sizes["time"] == 100
 
 
 @pytest.mark.parametrize(
@@ -105,8 +107,7 @@ def test_simulated_files_say_where_the_ephemeris_has_the_spacecraft(
 
     (read,) = open_spectra(path)
 
-    found = given_position_hee(read, NOON)
-    assert found is not None
+    found = receiver_position(read, NOON).position_rsun
     np.testing.assert_allclose(found, position(observatory, NOON)[0], atol=10.0 / R_SUN_KM)
 
 
@@ -121,7 +122,7 @@ def test_outside_the_ephemeris_nothing_is_written(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("frame", ["hee", "heeq", "hci", "carrington"])
 def test_any_frame_becomes_hee(frame: str) -> None:
-    assert distance_km(given_position_hee(placed(frame=frame), NOON)) < 1.0
+    assert distance_km(receiver_position(placed(frame=frame), NOON).position_rsun) < 1.0
 
 
 def test_wind_is_placed_from_earth(tmp_path: Path) -> None:
@@ -130,8 +131,7 @@ def test_wind_is_placed_from_earth(tmp_path: Path) -> None:
 
     (read,) = open_spectra(written.write_wind_60s(path, utc, np.array([20.0, 24.0]), np.ones((100, 2)), 2))
 
-    found, earth = given_position_hee(read, utc[50]), position("EARTH", utc[[50, 51]])
-    assert found is not None
+    found, earth = receiver_position(read, utc[50]).position_rsun, position("EARTH", utc[[50, 51]])
     sunward, dusk, north = np.array([200.0, -30.0, 5.0]) * EARTH_RADIUS_KM / R_SUN_KM
     np.testing.assert_allclose(np.linalg.norm(earth[0] - found), np.linalg.norm([sunward, dusk, north]), rtol=1e-9)
     assert earth[0, 0] - found[0] == pytest.approx(sunward)
@@ -140,26 +140,39 @@ def test_wind_is_placed_from_earth(tmp_path: Path) -> None:
     assert hee_to("hci", found[None] - [[earth[0, 0] - sunward, 0.0, 0.0]], utc[50])[0] @ ahead[0] > 0.0
 
 
-def test_a_position_far_from_the_ephemeris_is_refused() -> None:
+def test_a_position_far_from_the_ephemeris_gives_way_to_it() -> None:
     moved = placed()
     moved["position_km"] = moved["position_km"] + [0.0, 60_000.0, 0.0]
     moved["position_km"].attrs.update(frame="hee")
 
-    with pytest.raises(InputError, match="up to 60000 km from the ephemeris, more than 50000"):
-        given_position_hee(moved, NOON)
-    assert distance_km(given_position_hee(moved, NOON, tolerance_km=70_000.0)) == pytest.approx(60_000.0, abs=1.0)
+    found = receiver_position(moved, NOON)
+
+    assert found.source == "ephemeris"
+    assert found.flag == DISAGREEMENT_FLAG
+    assert found.difference_km == pytest.approx(60_000.0, abs=1.0)
+    assert distance_km(found.position_rsun) < 1.0
 
 
-def test_a_frame_that_is_not_what_it_says_is_refused() -> None:
+def test_a_position_near_the_ephemeris_is_preferred() -> None:
+    moved = placed()
+    moved["position_km"] = moved["position_km"] + [0.0, 40_000.0, 0.0]
+    moved["position_km"].attrs.update(frame="hee")
+
+    found = receiver_position(moved, NOON)
+
+    assert (found.source, found.flag) == ("file", "")
+    assert distance_km(found.position_rsun) == pytest.approx(40_000.0, abs=1.0)
+
+
+def test_a_frame_that_is_not_what_it_says_is_flagged() -> None:
     mistaken = placed(frame="heeq")
     mistaken["position_km"].attrs["frame"] = "hee"
 
-    with pytest.raises(InputError, match="STEREO-A are up to"):
-        given_position_hee(mistaken, NOON)
+    assert receiver_position(mistaken, NOON).flag == DISAGREEMENT_FLAG
 
 
 def test_a_spacecraft_unknown_to_the_ephemeris_is_where_its_file_says() -> None:
-    assert distance_km(given_position_hee(placed(observatory="JUICE", frame="hci"), NOON)) < 1.0
+    assert distance_km(receiver_position(placed(observatory="JUICE", frame="hci"), NOON).position_rsun) < 1.0
 
 
 def test_without_earth_only_hee_is_known() -> None:
@@ -167,18 +180,19 @@ def test_without_earth_only_hee_is_known() -> None:
     where_km = np.full((100, 3), 1e8)
     in_hee = with_positions(spectrum(late), late, where_km, "hee")
 
-    found = given_position_hee(in_hee, late[50])
-    assert found is not None
+    found = receiver_position(in_hee, late[50]).position_rsun
     np.testing.assert_allclose(found, where_km[0] / R_SUN_KM)
     with pytest.raises(NoDataError, match="EARTH"):
-        given_position_hee(with_positions(spectrum(late), late, where_km, "hci"), late[50])
+        receiver_position(with_positions(spectrum(late), late, where_km, "hci"), late[50])
 
 
-def test_no_position_is_none() -> None:
-    assert given_position_hee(spectrum(), NOON) is None
-    assert given_position_hee(placed(), NOON + 7200 * SECOND) is None
+def test_without_a_position_the_ephemeris_answers() -> None:
+    assert receiver_position(spectrum(), NOON).source == "ephemeris"
+    assert receiver_position(placed(), NOON + 7200 * SECOND).source == "ephemeris"
     nowhere = np.full((100, 3), np.nan)
     assert "position_km" not in with_positions(spectrum(), UTC, nowhere, "hee")
+    with pytest.raises(NoDataError, match="give its spectrum the variable 'position_km'"):
+        receiver_position(spectrum(observatory="JUICE"), NOON)
 
 
 def test_positions_are_on_lines_between_what_is_known_and_not_far_from_it() -> None:
@@ -205,9 +219,9 @@ def test_positions_survive_receivers_days_and_selection() -> None:
         expected_km = position("STEREO-A", one["time"].to_numpy()) * R_SUN_KM
         np.testing.assert_allclose(one["position_km"], expected_km, atol=10.0)
     assert "axis" not in both["intensity"].dims
-    assert distance_km(given_position_hee(half, NOON)) < 1.0
+    assert distance_km(receiver_position(half, NOON).position_rsun) < 1.0
     assert np.isnan(half["position_km"][-1]).all()
-    assert distance_km(given_position_hee(days.isel(time=slice(30, 60)).sel(frequency=[1.0]), NOON)) < 1.0
+    assert distance_km(receiver_position(days.isel(time=slice(30, 60)).sel(frequency=[1.0]), NOON).position_rsun) < 1.0
 
 
 def test_of_two_frames_the_first_stays() -> None:
@@ -222,4 +236,4 @@ def test_positions_stay_through_a_netcdf_file(tmp_path: Path) -> None:
 
     (read,) = open_spectra(tmp_path / "s.nc")
 
-    assert distance_km(given_position_hee(read, NOON)) < 1.0
+    assert distance_km(receiver_position(read, NOON).position_rsun) < 1.0
