@@ -1,7 +1,7 @@
 """BELLA service: where was that radio burst, and how sure are we.
 
-The functions below are what a notebook needs; each takes a pandas DataFrame, an astropy QTable or a file, and returns an
-object with ``to_table()``, ``to_skycoord()``, ``plot()`` and ``posterior`` where these make sense:
+The functions below are what a notebook needs; each takes a pandas DataFrame, an astropy QTable or a file, and returns
+an object with ``to_table()``, ``to_skycoord()``, ``plot()`` and ``posterior`` where these make sense:
 
 - :func:`read_arrivals`, :func:`localise`, :func:`fit_track`: from arrival times to positions and to the spiral behind
 - :func:`detect`, :func:`time_edges`: from spectra to bursts, and to arrival times

@@ -3,7 +3,7 @@
 They put together what the rooms of the package do, with the defaults of the command line.
 
 >>> import bella
->>> arrivals = bella.read_arrivals(getfixture("arrivals_csv"))
+>>> arrivals = bella.read_arrivals("arrivals.csv")
 >>> source = bella.localise(arrivals, draws=100)
 >>> source.to_table()["frequency_mhz"].unit
 Unit("MHz")
@@ -12,7 +12,7 @@ Unit("MHz")
 """
 
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -24,6 +24,7 @@ from astropy import units as u
 from astropy.table import QTable, Table
 from astropy.time import Time
 
+from bella.answer import written_68
 from bella.arrivals import MIN_OBSERVATORIES, arrival_grid, check_arrivals, locate_receivers
 from bella.arrivals import read_arrivals as read_arrival_file
 from bella.exceptions import InputError, NoDataError
@@ -43,8 +44,8 @@ if TYPE_CHECKING:
 FEWEST_FOR_TRACK = 2
 EDGE_FREQUENCIES = 40
 
-Spectra = str | Path | xr.Dataset | Iterable[str | Path | xr.Dataset]
-Given = "Arrivals | pd.DataFrame | Table | Mapping[str, Any] | str | Path"
+Spectrum = str | Path | xr.Dataset | xr.DataTree
+Spectra = Spectrum | Iterable[Spectrum]
 
 
 @dataclass(frozen=True)
@@ -60,7 +61,11 @@ class Arrivals:
     """
 
     frame: pd.DataFrame
-    covariance_s2: FloatArray | None = field(default=None, repr=False)
+    covariance_s2: FloatArray | None = None
+
+    def __repr__(self) -> str:
+        names = ", ".join(dict.fromkeys(self.frame["observatory"]))
+        return f"Arrivals({len(self)} times at {self.frame['frequency_mhz'].nunique()} frequencies, {names})"
 
     def __len__(self) -> int:
         return len(self.frame)
@@ -86,7 +91,11 @@ class Localisation:
         Draws and summary, as :func:`bella.multilateration.localise` returns them.
     """
 
-    posterior: xr.Dataset = field(repr=False)
+    posterior: xr.Dataset
+
+    def __repr__(self) -> str:
+        said = self.posterior.attrs
+        return f"Localisation({self.posterior.sizes['frequency']} frequencies, {said['method']}, {said['preset']})"
 
     def to_table(self) -> QTable:
         """Localisation table, one row per frequency: positions HEE, covariances, areas, flags."""
@@ -120,7 +129,12 @@ class FittedTrack:
     """
 
     record: JointTrack
-    posterior: xr.Dataset = field(repr=False)
+    posterior: xr.Dataset
+
+    def __repr__(self) -> str:
+        written = written_68(self.record.phi0_deg.model_dump())
+        said = f"longitude {written} deg" if written else "no longitude"
+        return f"FittedTrack({said}, {self.record.model})"
 
     def to_table(self) -> QTable:
         """One row: median and 68 % interval of longitude, wind and beam, with their units."""
@@ -161,6 +175,9 @@ class Detections:
     """
 
     frame: pd.DataFrame
+
+    def __repr__(self) -> str:
+        return f"Detections({len(self)} of {self.frame['observatory'].nunique()} spacecraft)"
 
     def __len__(self) -> int:
         return len(self.frame)
@@ -203,7 +220,7 @@ def localise(table: "Arrivals | pd.DataFrame | Table | Mapping[str, Any] | str |
     table : Arrivals, DataFrame, astropy Table or QTable, mapping of columns, or path
         With units as :mod:`bella.user_tables` says.
     **choices
-        `preset`, `method`, `dimensions`, `draws`, `seed`, `delay`, as :func:`bella.multilateration.localise` takes them.
+        `preset`, `method`, `dimensions`, `draws`, `seed`, `delay`: see :func:`bella.multilateration.localise`.
 
     Returns
     -------
@@ -270,7 +287,7 @@ def detect(spectra: Spectra) -> Detections:
 
     Parameters
     ----------
-    spectra : path, xarray.Dataset, or several of them
+    spectra : path, xarray.Dataset or DataTree, or several of them
         Archive files, netCDF, Zarr, or dynamic spectra that are open.
 
     Returns
@@ -321,7 +338,8 @@ def time_edges(
     NoDataError
         If no spacecraft shows a burst there.
     """
-    from bella.bursts.timing import EDGES, arrival_frame as timed_frame, arrivals_at, shared_frequencies_mhz  # noqa: PLC0415, I001
+    from bella.bursts.timing import EDGES, arrivals_at, shared_frequencies_mhz  # noqa: PLC0415 - heavy
+    from bella.bursts.timing import arrival_frame as timed_frame  # noqa: PLC0415
 
     if edge not in EDGES:
         raise InputError(f"edge {edge!r} is not known; choose one of {', '.join(EDGES)}")
@@ -349,10 +367,15 @@ def _timed(spectra: Mapping[str, xr.Dataset], moment: np.datetime64, edge: str) 
 def _fleet(spectra: Spectra) -> dict[str, xr.Dataset]:
     from bella.spectra import by_observatory, open_spectra  # noqa: PLC0415 - heavy
 
-    several = [spectra] if isinstance(spectra, str | Path | xr.Dataset) else list(spectra)
+    several = [spectra] if isinstance(spectra, str | Path | xr.Dataset | xr.DataTree) else list(spectra)
     opened: list[xr.Dataset] = []
     for one in several:
-        opened += [one] if isinstance(one, xr.Dataset) else open_spectra(one)
+        if isinstance(one, xr.Dataset):
+            opened.append(one)
+        elif isinstance(one, xr.DataTree):
+            opened += [leaf.to_dataset() for leaf in one.leaves]
+        else:
+            opened += open_spectra(one)
     return by_observatory(opened)
 
 

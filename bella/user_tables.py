@@ -1,7 +1,8 @@
 """Arrival tables as users have them: pandas, astropy, or a dict of columns, with units or without.
 
-A column may carry its unit in its name (``frequency_mhz``, ``sigma_s``, ``x_rsun``) or be a Quantity of any unit of its
-kind under the name with or without that ending (``frequency``, ``sigma``, ``x``). Times are UTC, or a `Time` of any scale.
+A column may carry its unit in its name (``frequency_mhz``, ``sigma_s``, ``x_rsun``), or be a Quantity of any unit of
+its kind under the name with or without that ending (``frequency``, ``sigma``, ``x``). Times are UTC, or a `Time` of any
+scale.
 """
 
 from collections.abc import Mapping
