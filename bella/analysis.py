@@ -383,7 +383,9 @@ def _moment(around: "str | np.datetime64 | Time") -> np.datetime64:
     try:
         if isinstance(around, str):
             return np.datetime64(around.strip().removesuffix("Z"), "ns")
-        return np.datetime64(around.utc.to_value("datetime64") if isinstance(around, Time) else around, "ns")
+        if isinstance(around, np.datetime64):
+            return np.datetime64(str(around), "ns")
+        return np.datetime64(str(around.utc.isot), "ns")
     except ValueError as error:
         raise InputError(f"around: {around!r} is not a time; write UTC as 2012-06-07T19:30:00") from error
 
@@ -397,7 +399,8 @@ def _arrivals(table: Any, heard_by: int) -> Arrivals:
 
 
 def _table(schema: Any, frame: pd.DataFrame) -> RecordTable:
-    return record_table(schema, frame.astype(object).where(frame.notna(), None).to_dict("records"))
+    rows = frame.astype(object).where(frame.notna(), None).to_dict("records")
+    return record_table(schema, [{str(name): value for name, value in row.items()} for row in rows])
 
 
 def _skycoord(xyz_rsun: npt.NDArray[np.float64], epoch_utc: str) -> "SkyCoord":

@@ -6,7 +6,7 @@ scale.
 """
 
 from collections.abc import Mapping
-from typing import Any
+from typing import Any, TypeAlias
 
 import numpy as np
 import numpy.typing as npt
@@ -31,7 +31,7 @@ TIME, TIME_NAMES = "arrival_utc", ("arrival", "arrival_time", "time")
 EDGE_NOT_STATED = "not stated"
 """Definition of the edge of a table that does not name it."""
 
-UserTable = pd.DataFrame | Table | Mapping[str, Any]
+UserTable: TypeAlias = pd.DataFrame | Table | Mapping[str, Any]
 
 
 def arrival_frame(table: UserTable) -> pd.DataFrame:

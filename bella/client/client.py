@@ -8,7 +8,7 @@
 
 import json
 from http import HTTPStatus
-from typing import Any
+from typing import Any, TypeAlias
 from urllib.error import HTTPError, URLError
 from urllib.parse import quote, urlencode
 from urllib.request import Request, urlopen
@@ -24,7 +24,7 @@ TIMEOUT_S = 60.0
 PAGE_ROWS = 1000
 DETECTIONS_PER_REPLY = 5000
 
-Instant = str | Time
+Instant: TypeAlias = str | Time
 
 
 class Client:
@@ -127,9 +127,10 @@ class Client:
         said = self._json(f"bursts/{quote(burst_id, safe='')}/posterior", choice)
         path = said["zarr_url"].partition(f"/{API}/")[2]  # the service may not know its address behind a proxy
         try:
-            return xr.open_zarr(f"{self.url}/{API}/{path}", consolidated=None)
+            posterior: xr.Dataset = xr.open_zarr(f"{self.url}/{API}/{path}", consolidated=None)
         except ImportError as error:
             raise InputError(f"a posterior over HTTP needs fsspec and aiohttp ({error}): pip install them") from error
+        return posterior
 
     def _pages(self, path: str, start: Instant | None, stop: Instant | None, filters: dict[str, Any]) -> QTable:
         query = {"limit": PAGE_ROWS, **filters, "start": _utc(start), "stop": _utc(stop)}

@@ -19,7 +19,7 @@ def draw_arrivals(frame: pd.DataFrame, ax: Any = None) -> Any:
     axes = _axes(ax)
     for name, rows in frame.groupby("observatory", sort=False):
         ordered = rows.sort_values("frequency_mhz")
-        days = mdates.date2num(ordered["arrival_utc"].to_numpy())
+        days = _days(ordered["arrival_utc"])
         axes.errorbar(days, ordered["frequency_mhz"], xerr=ordered["sigma_s"] / 86_400, fmt=".-", label=str(name))
     _time_axis(axes)
     axes.legend()
@@ -30,11 +30,12 @@ def draw_detections(frame: pd.DataFrame, ax: Any = None) -> Any:
     """Box of each detection, one colour per spacecraft."""
     axes = _axes(ax)
     for number, (name, rows) in enumerate(frame.groupby("observatory", sort=False)):
-        for place, row in enumerate(rows.itertuples()):
-            begin, end = mdates.date2num([row.start_utc, row.end_utc])
-            size = (end - begin, row.f_high_mhz - row.f_low_mhz)
+        days = [_days(rows[column]) for column in ("start_utc", "end_utc")]
+        band = [rows[column].to_numpy(dtype=float) for column in ("f_low_mhz", "f_high_mhz")]
+        for place, (begin, end, low, high) in enumerate(zip(*days, *band, strict=True)):
             label = str(name) if place == 0 else None
-            axes.add_patch(Rectangle((begin, row.f_low_mhz), *size, fill=False, edgecolor=f"C{number}", label=label))
+            box = Rectangle((begin, low), end - begin, high - low, fill=False, edgecolor=f"C{number}", label=label)
+            axes.add_patch(box)
     axes.autoscale_view()
     _time_axis(axes)
     if len(frame):
@@ -66,6 +67,11 @@ def draw_track(record: JointTrack, ax: Any = None) -> Any:
     shown = axes.scatter(places[:, 0] * np.cos(angle), places[:, 0] * np.sin(angle), c=places[:, 2])
     axes.figure.colorbar(shown, ax=axes, label="frequency [MHz]")
     return _ecliptic(axes)
+
+
+def _days(times: pd.Series) -> Any:
+    """Times as matplotlib counts them."""
+    return mdates.date2num(times.to_numpy())  # type: ignore[no-untyped-call]
 
 
 def _axes(ax: Any) -> Any:
