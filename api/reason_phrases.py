@@ -16,7 +16,7 @@ LARGEST_HEAD_BYTES = 65_536
 
 
 class _Phrased(h11.Connection):
-    def send(self, event: h11.Event) -> bytes | None:
+    def send(self, event: h11.Event) -> bytes | None:  # type: ignore[override]  # its overloads say no more
         """Bytes of an event; the status line of a response has the words of its header."""
         if isinstance(event, h11.Response):
             words = dict(event.headers).get(STATUS_HEADER.lower().encode())

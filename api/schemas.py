@@ -69,7 +69,7 @@ class DetectionReply(Reply):
     drift: float = Field(description="Speed of the beam whose drift fits best, in units of c.")
     peak_db: float = Field(description="Peak over background, dB.")
     flux_sfu_1au: float | None = Field(
-        description="Largest flux density at 1 au, sfu; null where files do not state it."
+        description="Largest flux density at 1 au, sfu; null where not stated."
     )
     channels: int
     isolated: bool

@@ -2,7 +2,6 @@
 
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import asdict
-from typing import Any
 
 import numpy as np
 import xarray as xr
@@ -26,8 +25,8 @@ from bella.formats import (
     Schema,
     find_format,
     record_table,
+    track_numbers,
 )
-from bella.records import JointTrack, Parameter
 
 Row = dict[str, object]
 
@@ -233,28 +232,6 @@ def _track_rows(catalogue: Catalogue, summary: BurstSummary) -> Iterator[Row]:
         "start_utc": summary.burst.start_utc,
         "grade": answer.grade,
         "tier": answer.tier,
-        **_numbers(joint),
+        **track_numbers(joint),
         **_series(preferred),
     }
-
-
-def _numbers(joint: JointTrack) -> dict[str, Any]:
-    parameters = {
-        "phi0": (joint.phi0_deg, "_deg"),
-        "v_sw": (joint.v_sw_km_s, "_km_s"),
-        "beam_speed": (joint.beam_speed_c, ""),
-    }
-    row: dict[str, Any] = {}
-    for name, (value, unit) in parameters.items():
-        row |= _median_and_ends(name, unit, value) | {f"{name}_contraction": value.contraction}
-    return row | {
-        "release_utc": joint.release_utc.q50,
-        "release_sd_s": joint.release_utc.sd,
-        "misfit_p": joint.misfit_p,
-        "rotation_period_d": joint.rotation_period_d,
-        "flags": ";".join(joint.flags),
-    }
-
-
-def _median_and_ends(name: str, unit: str, value: Parameter) -> dict[str, float | None]:
-    return {f"{name}{unit}": value.q50, f"{name}_low{unit}": value.q16, f"{name}_high{unit}": value.q84}

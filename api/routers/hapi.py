@@ -28,7 +28,7 @@ from bella.formats.hapi import (
 )
 from bella.formats.record_table import iso_stamps
 
-router = APIRouter(prefix="/hapi", tags=["hapi"])
+router = APIRouter(prefix="/hapi", include_in_schema=False)  # HAPI describes itself
 METHODS = ["GET", "HEAD"]
 
 OLD_NAMES = {"id": "dataset", "time.min": "start", "time.max": "stop"}
@@ -37,15 +37,16 @@ OLD_NAMES = {"id": "dataset", "time.min": "start", "time.max": "stop"}
 log = structlog.get_logger(__name__)
 
 
-@router.api_route("", methods=METHODS, include_in_schema=False)
-@router.api_route("/", methods=METHODS, include_in_schema=False)
-def landing() -> HTMLResponse:
+@router.api_route("", methods=METHODS)
+@router.api_route("/", methods=METHODS)
+def landing(request: Request) -> HTMLResponse:
     """What is served here, for a reader with a browser."""
+    here = f"{request.scope.get('root_path', '')}{router.prefix}"
     rows = "".join(
-        f'<li><a href="/hapi/info?dataset={name}">{name}</a>: {html.escape(one.title)}</li>'
+        f'<li><a href="{here}/info?dataset={name}">{name}</a>: {html.escape(one.title)}</li>'
         for name, one in DATASETS.items()
     )
-    ends = ", ".join(f'<a href="/hapi/{name}">{name}</a>' for name in ("about", "capabilities", "catalog"))
+    ends = ", ".join(f'<a href="{here}/{name}">{name}</a>' for name in ("about", "capabilities", "catalog"))
     return HTMLResponse(
         f"<!doctype html><html lang=en><title>HAPI: BELLA service</title><h1>HAPI 3.3</h1><p>{ends}; "
         f"info and data of a data set.</p><ul>{rows}</ul>"
@@ -104,7 +105,7 @@ def data(request: Request, service: ServiceHere) -> Response:
     return _answered(request, allowed, lambda asked: _data(request, service, asked))
 
 
-@router.api_route("/{rest:path}", methods=METHODS, include_in_schema=False)
+@router.api_route("/{rest:path}", methods=METHODS)
 def unknown(rest: str) -> Response:  # noqa: ARG001 - what was asked is not repeated to the client
     """Refuse an endpoint that does not exist."""
     return _refused(HapiError(1400, "the endpoints are about, capabilities, catalog, info and data"))

@@ -7,7 +7,7 @@ written from it: all formats hold the same numbers.
 from bella.formats.columns import ARRIVALS, BURSTS, DETECTIONS, LOCALISATIONS, SCHEMAS, TRACKS, Column, Schema
 from bella.formats.record_table import RecordTable, record_table
 from bella.formats.registry import FORMATS, Format, find_format
-from bella.formats.tables import COLUMNS, localisation_csv, localisation_records
+from bella.formats.tables import COLUMNS, localisation_csv, localisation_records, track_numbers
 
 __all__ = [
     "ARRIVALS",
@@ -26,4 +26,5 @@ __all__ = [
     "localisation_csv",
     "localisation_records",
     "record_table",
+    "track_numbers",
 ]

@@ -158,4 +158,5 @@ def _utc(one: object) -> np.datetime64:
         return np.datetime64("NaT", "us")
     stamp = pd.Timestamp(one if isinstance(one, datetime | np.datetime64) else str(one))
     bare = stamp if stamp.tzinfo is None else stamp.tz_convert("UTC").tz_localize(None)
-    return bare.to_datetime64().astype("datetime64[us]")
+    moment: np.datetime64 = bare.to_datetime64().astype("datetime64[us]")
+    return moment

@@ -1,4 +1,4 @@
-"""The localisation table: one record per frequency, and its CSV form."""
+"""Records of solutions and tracks, and the CSV form of the localisation table: one record per frequency."""
 
 from collections.abc import Iterable, Mapping, Sequence
 
@@ -9,6 +9,7 @@ import xarray as xr
 from bella.formats.columns import LOCALISATIONS, SOLUTION_COLUMNS
 from bella.formats.record_table import record_table
 from bella.formats.text import csv_text
+from bella.records import JointTrack, Parameter
 
 COLUMNS = SOLUTION_COLUMNS
 """Columns in order. The covariances with z are there for solutions in space only."""
@@ -68,3 +69,37 @@ def localisation_csv(records: Iterable[Record], comments: Mapping[str, object]) 
     unsaid = {"burst_id", "solution_id", "edge", "method", "preset"} - solution.keys()
     schema = LOCALISATIONS.without(*flat, *unsaid)
     return csv_text(record_table(schema, rows, {key: str(value) for key, value in comments.items()})).decode()
+
+
+def track_numbers(joint: JointTrack) -> dict[str, object]:
+    """Columns of the table of tracks that a joint fit says: medians with the ends of their 68 % intervals.
+
+    Parameters
+    ----------
+    joint : JointTrack
+
+    Returns
+    -------
+    dict
+        Keys are columns of `bella.formats.TRACKS`; None for what is not known.
+    """
+    parameters = {
+        "phi0": (joint.phi0_deg, "_deg"),
+        "v_sw": (joint.v_sw_km_s, "_km_s"),
+        "beam_speed": (joint.beam_speed_c, "_c"),
+    }
+    row: dict[str, object] = {
+        "tier": joint.tier,
+        "release_utc": joint.release_utc.q50,
+        "release_sd_s": joint.release_utc.sd,
+        "misfit_p": joint.misfit_p,
+        "rotation_period_d": joint.rotation_period_d,
+        "flags": ";".join(joint.flags),
+    }
+    for name, (value, unit) in parameters.items():
+        row |= _median_and_ends(name, unit, value) | {f"{name}_contraction": value.contraction}
+    return row
+
+
+def _median_and_ends(name: str, unit: str, value: Parameter) -> dict[str, float | None]:
+    return {f"{name}{unit}": value.q50, f"{name}_low{unit}": value.q16, f"{name}_high{unit}": value.q84}

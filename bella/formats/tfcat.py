@@ -121,7 +121,7 @@ def _boxes(table: RecordTable) -> list[Json]:
 
 def _lines(table: RecordTable) -> list[Json]:
     """A line for each burst, through its arrival times from the lowest to the highest frequency."""
-    made = []
+    made: list[Json] = []
     for burst in dict.fromkeys(table.data["burst_id"].tolist()):
         rows = np.flatnonzero(table.data["burst_id"] == burst)
         part = table.take(rows[np.argsort(table.data["frequency_mhz"][rows])])

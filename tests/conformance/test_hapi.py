@@ -180,6 +180,16 @@ def test_adjacent_requests_make_the_whole_with_no_record_twice(address: str) -> 
     assert len(whole) == 3
 
 
+@pytest.mark.parametrize("name", ["localisations", "arrivals"])
+def test_a_record_long_after_the_onset_of_its_burst_is_found_at_its_own_time(address: str, name: str) -> None:
+    times = [row[0] for row in rows(sample(address, name, parameters="burst_id")[1]) if row[1] == BURST_ID]
+    late = times[-1]
+    after = f"{np.datetime64(late.removesuffix('Z'), 'us') + np.timedelta64(1, 'us')}Z"
+    found = rows(asked(address, "data", dataset=name, start=late, stop=after, parameters="burst_id")[1])
+    assert found == [[late, BURST_ID]]
+    assert abs(np.datetime64(late.removesuffix("Z")) - np.datetime64("2012-06-07T19:29:15")) > np.timedelta64(5, "s")
+
+
 @pytest.mark.parametrize(
     ("start", "stop"),
     [

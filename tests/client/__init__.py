@@ -1,0 +1,1 @@
+"""Python and SunPy clients against a server on the loopback."""

@@ -1,0 +1,183 @@
+"""The functions of ``import bella``: what they return, and that importing them costs nothing."""
+
+import doctest
+import subprocess
+import sys
+from pathlib import Path
+
+import matplotlib as mpl
+import matplotlib.pyplot as plt
+import numpy as np
+import pytest
+import xarray as xr
+from astropy import units as u
+from astropy.table import QTable
+from astropy.time import Time
+
+import bella
+from bella import analysis
+from bella.arrivals import write_arrivals
+from bella.bursts import published_arrivals
+from bella.exceptions import InputError, NoDataError
+from bella.multilateration import localise as posterior_of
+from bella.records import JointTrack, Moment, Parameter, SourceAt
+from bella.spectra import event_spectra
+
+mpl.use("Agg")
+TABLE = published_arrivals(np.array([0.25, 0.5, 1.0]))
+GUIDE = Path(__file__).parents[1] / "docs" / "python.md"
+
+
+@pytest.fixture(scope="module")
+def located() -> bella.Localisation:
+    return bella.localise(TABLE, draws=50)
+
+
+def quantities() -> QTable:
+    return QTable(
+        {
+            "observatory": TABLE["observatory"].to_list(),
+            "frequency": TABLE["frequency_mhz"].to_numpy() * 1000 * u.kHz,
+            "time": Time(TABLE["arrival_utc"].to_numpy(), scale="utc").tt,
+            "sigma": TABLE["sigma_s"].to_numpy() / 60 * u.min,
+        }
+    )
+
+
+def test_all_forms_of_a_table_give_the_same_posterior(tmp_path: Path, located: bella.Localisation) -> None:
+    write_arrivals(TABLE, tmp_path / "arrivals.csv")
+    bare = TABLE[["observatory", "frequency_mhz", "arrival_utc", "sigma_s"]]
+    expected = posterior_of(TABLE, draws=50)["x_rsun"].to_numpy()
+    np.testing.assert_array_equal(located.posterior["x_rsun"], expected)
+    file = tmp_path / "arrivals.csv"
+    in_file = bella.read_arrivals(str(file))
+    for table in (file, in_file, in_file.to_table()):  # the CSV has ten digits
+        np.testing.assert_allclose(bella.localise(table, draws=50).posterior["x_rsun"], expected, rtol=1e-9)
+    of_units = bella.localise(quantities(), draws=50).posterior["x_rsun"]
+    np.testing.assert_allclose(of_units, bella.localise(bare.assign(edge="x"), draws=50).posterior["x_rsun"], rtol=1e-6)
+
+
+def test_a_localisation_is_a_table_with_units(located: bella.Localisation) -> None:
+    table = located.to_table()
+    assert table["x_rsun"].unit == u.solRad
+    assert table["cov_xy_rsun2"].unit == u.solRad**2
+    np.testing.assert_array_equal(table["frequency_mhz"].value, [0.25, 0.5, 1.0])
+    assert table.meta["frame"] == "HEE"
+    emitted = located.posterior["emission_s"].to_numpy()
+    after = (table["emission_utc"] - Time(located.posterior.attrs["reference_time"].removesuffix("Z"))).to_value("s")
+    np.testing.assert_allclose(after, emitted, atol=6e-4)
+
+
+def test_sky_coordinates_are_those_of_the_posterior_and_turn_to_other_frames(located: bella.Localisation) -> None:
+    sky = located.to_skycoord()
+    np.testing.assert_allclose(sky.cartesian.x.to_value(u.R_sun), located.posterior["x_rsun"])
+    distance = np.hypot(located.posterior["x_rsun"], located.posterior["y_rsun"])
+    np.testing.assert_allclose(sky.heliographic_stonyhurst.radius.to_value(u.R_sun), distance, rtol=1e-9)
+    west_of_earth = np.degrees(np.arctan2(located.posterior["y_rsun"], located.posterior["x_rsun"]))
+    # ecliptic and solar longitudes differ by the tilt of the solar equator, 7.25 degrees, at most
+    np.testing.assert_allclose(sky.heliographic_stonyhurst.lon.deg, west_of_earth, atol=0.5)
+
+
+def track() -> bella.FittedTrack:
+    def known(value: float) -> Parameter:
+        return Parameter(q16=value - 1, q50=value, q84=value + 1)
+
+    profile = (
+        SourceAt(frequency_mhz=1.0, range_rsun=known(20.0), longitude_deg=known(90.0)),
+        SourceAt(frequency_mhz=0.5, range_rsun=known(40.0), longitude_deg=known(60.0)),
+    )
+    record = JointTrack(
+        model="a spiral",
+        rotation_period_d=25.38,
+        epoch_utc="2012-06-07T19:29:00.000Z",
+        phi0_deg=known(95.0),
+        v_sw_km_s=known(400.0),
+        beam_speed_c=Parameter(),
+        release_utc=Moment(q50="2012-06-07T19:20:00.000Z", sd=30.0),
+        profile=profile,
+    )
+    return bella.FittedTrack(record, located_nowhere())
+
+
+def located_nowhere() -> xr.Dataset:
+    return xr.Dataset()
+
+
+def test_a_track_is_one_row_and_a_line_in_the_sky() -> None:
+    row = track().to_table()[0]
+    assert (row["phi0_deg"], row["phi0_low_deg"]) == (95 * u.deg, 94 * u.deg)
+    assert row["v_sw_high_km_s"] == 401 * u.km / u.s
+    assert np.isnan(row["beam_speed_c"])
+    assert row["release_utc"].isot == "2012-06-07T19:20:00.000000"
+    sky = track().to_skycoord()
+    np.testing.assert_allclose(sky.cartesian.x.to_value(u.R_sun), [0.0, 20.0], atol=1e-9)
+    np.testing.assert_allclose(sky.cartesian.y.to_value(u.R_sun), [20.0, 40 * np.sin(np.pi / 3)])
+    with pytest.raises(NoDataError, match="no position"):
+        bella.FittedTrack(track().record.model_copy(update={"profile": ()}), located_nowhere()).to_skycoord()
+
+
+def test_a_fit_has_its_draws() -> None:
+    fitted = bella.fit_track(published_arrivals(np.geomspace(0.25, 1.5, 8)), draws=200)
+    longitude = fitted.posterior["joint_draws"].sel(joint_parameter="phi0_deg")
+    assert np.median(longitude) == pytest.approx(fitted.record.phi0_deg.q50, abs=2.0)
+    assert "deg" in repr(fitted)
+
+
+@pytest.mark.parametrize("what", ["located", "track", "arrivals"])
+def test_plots_are_drawn_on_the_axes_given(what: str, located: bella.Localisation) -> None:
+    shown = {"located": located, "track": track(), "arrivals": bella.Arrivals(TABLE)}[what]
+    axes = plt.figure().add_subplot()
+    assert shown.plot(axes) is axes
+    axes.figure.canvas.draw()
+    assert axes.get_xlabel()
+    plt.close("all")
+
+
+def test_edges_of_spectra_are_timed_with_their_covariance() -> None:
+    arrivals = bella.time_edges(event_spectra(), Time("2012-06-07T19:25:00"), edge="half_rise", frequencies=6)
+    assert set(arrivals.frame["observatory"]) == {"WIND", "STEREO-A", "STEREO-B"}
+    assert arrivals.covariance_s2 is not None
+    assert arrivals.covariance_s2.shape == (len(arrivals), len(arrivals))
+    assert arrivals.to_table()["sigma_s"].unit == u.s
+    with pytest.raises(InputError, match="shared_profile, half_rise"):
+        bella.time_edges([], "2012-06-07", edge="first")
+    with pytest.raises(InputError, match="around: 'soon' is not a time"):
+        bella.time_edges(event_spectra(), "soon")
+
+
+def test_bursts_are_found_in_spectra() -> None:
+    found = bella.detect(event_spectra())
+    assert len(found) > 0
+    assert found.to_table()["f_high_mhz"].unit == u.MHz
+    found.plot()
+    plt.close("all")
+
+
+def test_a_wrong_table_is_one_line_that_names_the_column() -> None:
+    with pytest.raises(InputError, match="column sigma: has no unit"):
+        bella.localise({"observatory": ["WIND"], "frequency_mhz": [1.0], "time": ["2012-06-07"], "sigma": [1.0]})
+
+
+@pytest.mark.parametrize("where", ["module", "guide"])
+def test_examples_run(where: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    write_arrivals(TABLE, tmp_path / "arrivals.csv")
+    monkeypatch.chdir(tmp_path)
+    options = doctest.ELLIPSIS | doctest.NORMALIZE_WHITESPACE
+    if where == "module":
+        result = doctest.testmod(analysis, optionflags=options)
+    else:
+        result = doctest.testfile(str(GUIDE), module_relative=False, optionflags=options)
+    plt.close("all")
+    assert result.attempted > 3
+    assert result.failed == 0
+
+
+def test_importing_bella_imports_nothing_heavy() -> None:
+    heavy = "{'numpy', 'pandas', 'xarray', 'astropy', 'scipy', 'matplotlib', 'sunpy'}"
+    code = f"import sys, bella; assert not {heavy} & set(sys.modules); assert 'localise' in dir(bella)"
+    assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0
+
+
+def test_an_unknown_name_is_an_attribute_error() -> None:
+    with pytest.raises(AttributeError, match="locate"):
+        bella.locate  # noqa: B018
