@@ -177,7 +177,7 @@ def width_spread(timed: Timed) -> float:
         0 where all rise alike, or there is one spacecraft.
     """
     names, own = np.unique(timed.observatory.astype(str), return_inverse=True)
-    if names.size < 2:  # noqa: PLR2004 - a spread needs two
+    if names.size < 2:
         return 0.0
     x = np.log(timed.frequency_mhz)
     x = (x - x.mean()) / max(float(np.ptp(x)), 1e-9)

@@ -18,7 +18,9 @@ from bella.tracks.quality import (
     COMPONENTS,
     EDGES_DIFFER,
     SHARED_BAND,
+    WIDTHS_DIFFER,
     Quality,
+    doubted,
     has_shape,
     quality_of,
     with_shape,
@@ -174,7 +176,7 @@ def refit(  # noqa: PLR0913
     likelihood = replace(likelihood, seen=fit.likelihood.seen)
     nodes = around_the_circle(likelihood, starts)
     quality = quality_of(likelihood, nodes, grid)
-    return _fitted(likelihood, nodes, quality, grid, starts, draws, np.random.default_rng(seed))
+    return _fitted(likelihood, nodes, quality, grid, starts, draws, np.random.default_rng(seed), fit.record.flags)
 
 
 def _fitted(  # noqa: PLR0913, PLR0917
@@ -185,7 +187,9 @@ def _fitted(  # noqa: PLR0913, PLR0917
     starts: Starts,
     draws: int,
     rng: np.random.Generator,
+    before: tuple[str, ...] = (),
 ) -> TrackFit:
+    """Draws, flags and record; `before` are the flags of a fit to the same times whose errors were not yet doubted."""
     nodes, drawn = propagated(likelihood, nodes, starts, draws, rng)
     effective = drawn.effective
     if effective < MIN_EFFECTIVE:  # the Gaussians of Laplace are then the better answer, with a flag
@@ -195,7 +199,13 @@ def _fitted(  # noqa: PLR0913, PLR0917
     if is_orderly:
         drawn = reweighted(drawn, orderly)
     summaries = _summaries(values, drawn.weight, likelihood.track)
-    flags = tuple(_flags(nodes, values, drawn.weight, summaries, quality, effective, is_orderly))
+    flags = tuple(
+        dict.fromkeys((*before, *_flags(nodes, values, drawn.weight, summaries, quality, effective, is_orderly)))
+    )
+    if "not_one_source" in flags and not before:
+        likelihood = doubted(likelihood)
+        around = around_the_circle(likelihood, starts)
+        return _fitted(likelihood, around, quality, grid, starts, draws, rng, flags)
     record = _record(likelihood, nodes, summaries, drawn.log_evidence, quality, grid, effective, flags)
     place = _equal(drawn.weight, rng)
     single = {name: value[place] for name, value in values.items() if value.ndim == 1}
@@ -281,7 +291,7 @@ def _flags(  # noqa: PLR0913, PLR0917
         "several_tracks": len(region(nodes, 0.95)) > 1,
         "poor_fit": quality.misfit_p < MISFIT_P,
         "errors_too_large": quality.misfit_p > 1 - MISFIT_P and quality.chi2 < LARGE_ERRORS * quality.freedom,
-        "components_differ": quality.plain_chi2 > COMPONENTS,
+        "components_differ": quality.plain_chi2 > COMPONENTS or quality.width_share > WIDTHS_DIFFER,
         "edges_differ": quality.added >= EDGES_DIFFER,
         "clock_offset": bool(quality.clocks),
         "two_spacecraft": quality.shared_band < SHARED_BAND,
@@ -290,6 +300,12 @@ def _flags(  # noqa: PLR0913, PLR0917
         "arrivals_down_weighted": quality.dropped > 0,
         "poor_weights": effective < GOOD_EFFECTIVE,
     }
+    applies["not_one_source"] = (
+        applies["components_differ"]
+        or applies["not_a_spiral"]
+        or applies["beam_speed_unlikely"]
+        or (applies["edges_differ"] and applies["clock_offset"])
+    )
     return [name for name, on in applies.items() if on]
 
 
