@@ -301,7 +301,7 @@ def _flags(  # noqa: PLR0913, PLR0917
         "poor_weights": effective < GOOD_EFFECTIVE,
     }
     applies["not_one_source"] = (
-        applies["components_differ"]
+        quality.width_share > WIDTHS_DIFFER
         or applies["not_a_spiral"]
         or applies["beam_speed_unlikely"]
         or (applies["edges_differ"] and applies["clock_offset"])
