@@ -24,6 +24,7 @@ from bella.tracks.quality import (
     has_shape,
     quality_of,
     with_shape,
+    without_clocks,
     without_outliers,
 )
 from bella.units import C_RSUN_S, FloatArray, within_half_turn_deg
@@ -57,8 +58,8 @@ FAST_WIND_KM_S, FAST_PROBABILITY = 1500.0, 0.05
 MISFIT_P = 1e-4
 """Two-sided: chi2 is larger, or smaller, once in 10 000 times."""
 
-LARGE_ERRORS = 0.25
-"""Chi2 per degree of freedom below which errors are called too large: times read off a smooth curve have 0.3 to 0.7."""
+LARGE_ERRORS = 0.2
+"""Chi2 per degree of freedom below which errors are called too large: times read off a smooth curve have 0.2 to 0.7."""
 
 BEAM_SPEEDS_C = (0.03, 0.6)
 """Speeds of beams of Type III bursts in the literature (Reid & Ratcliffe 2014, doi:10.1088/1674-4527/14/7/003)."""
@@ -144,6 +145,7 @@ def fit_track(
     quality = quality_of(likelihood, nodes, grid)
     likelihood, nodes, added = with_shape(likelihood, nodes, quality, stated=has_shape(grid))
     quality = replace(quality, added=added, dropped=dropped)
+    likelihood, nodes = without_clocks(likelihood, nodes)
     return _fitted(likelihood, nodes, quality, grid, STARTS, draws, np.random.default_rng(seed))
 
 

@@ -21,7 +21,8 @@ differ by a third: so do those of a half of such bursts, and of none of the othe
 
 DOUBT_SHARE, DOUBT_OFFSET_S = 0.45, 60.0
 """Errors of edges that are not those of one source: smooth, as a share of the rise, as the largest that is tried, and
-of each spacecraft, such as bursts a minute apart, or a wrong time scale (69 s), have."""
+of each spacecraft, such as bursts a minute apart, or a wrong time scale (69 s), have. A clock that is off has the
+second alone."""
 
 ADDED_SHARES, CHANNEL_PART = (0.01, 0.02, 0.035, 0.05, 0.1, 0.15, 0.2, 0.3, 0.45), 1 / 3
 """Smooth errors, as shares of the half width of the rise, that are tried where a table states none or the track misses
@@ -142,6 +143,36 @@ def doubted(likelihood: Likelihood) -> Likelihood:
     return replace(likelihood, seen=replace(likelihood.seen, noise_s2=noise_s2))
 
 
+def without_clocks(likelihood: Likelihood, nodes: Nodes) -> tuple[Likelihood, Nodes]:
+    """The same with the clocks free that are off by more than three standard deviations, the worst first."""
+    names, freed = likelihood.seen.observatories, list[str]()
+    while len(freed) < len(names):
+        offsets = _offsets(likelihood, nodes)
+        away = {name: abs(one.mean or 0.0) / (one.sd or np.inf) for name, one in offsets.items() if name not in freed}
+        if not away or max(away.values()) <= CLOCK_SIGMAS:
+            break
+        worst = max(away, key=lambda name: away[name])
+        freed.append(worst)
+        late = (likelihood.seen.observatory == names.index(worst)).astype(np.float64)
+        noise_s2 = likelihood.seen.noise_s2 + DOUBT_OFFSET_S**2 * np.outer(late, late)
+        likelihood = replace(likelihood, seen=replace(likelihood.seen, noise_s2=noise_s2))
+        nodes = around_the_circle(likelihood)
+    return likelihood, nodes
+
+
+def _offsets(likelihood: Likelihood, nodes: Nodes) -> dict[str, Parameter]:
+    """Timing offset of each observatory, s, were it free."""
+    residual_s, left = projected(likelihood, nodes)
+    offsets = {}
+    for column, name in enumerate(likelihood.seen.observatories):
+        member = (likelihood.seen.observatory == column).astype(np.float64)
+        precision = float(member @ left @ member)
+        if precision > LEAST_PRECISION:
+            mean = float(member @ likelihood.weight @ residual_s) / precision
+            offsets[name] = Parameter(mean=mean, sd=precision**-0.5)
+    return offsets
+
+
 def _evidence(nodes: Nodes) -> float:
     return float(logsumexp(nodes.log_evidence + np.log(cells(nodes.phi0_rad))))
 
@@ -184,13 +215,7 @@ def quality_of(likelihood: Likelihood, nodes: Nodes, grid: ArrivalGrid) -> Quali
     residual_s, left = projected(likelihood, nodes)
     chi2 = float(residual_s @ likelihood.weight @ residual_s)
     freedom = max(float(np.einsum("ij,ji->", left, likelihood.seen.noise_s2)), 1.0)
-    offsets = {}
-    for column, name in enumerate(grid.observatories):
-        member = (likelihood.seen.observatory == column).astype(np.float64)
-        precision = float(member @ left @ member)
-        if precision > LEAST_PRECISION:
-            mean = float(member @ likelihood.weight @ residual_s) / precision
-            offsets[name] = Parameter(mean=mean, sd=precision**-0.5)
+    offsets = _offsets(likelihood, nodes)
     plain = _plain_chi2(likelihood, nodes, grid)
     assert grid.rise_s is not None  # noqa: S101 - the grid fills it in
     width_share = float(np.nanmedian(np.where(np.isfinite(grid.arrival_s), grid.delay_sd_s / grid.rise_s, np.nan)))
