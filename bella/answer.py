@@ -21,8 +21,8 @@ GRADES: dict[Grade, str] = {
     "times within their errors, and nothing warns.",
     "B": "The longitude is known to 10 degrees or better, and no serious flag is raised.",
     "C": "There is one answer, but it is less sure than that, or a serious flag says that its errors may not hold.",
-    "D": "There is no single answer: the track is preliminary, several tracks or all longitudes explain the times, or "
-    "none was fitted.",
+    "D": "There is no single answer: the track is preliminary, several tracks or all longitudes explain the times, "
+    "they are not those of one source, or none was fitted.",
 }
 """What each grade means."""
 
@@ -42,6 +42,9 @@ WIND_STEP_KM_S = 10.0
 """Speeds of the wind are written to this: no fit is better than a few of it."""
 
 NO_SPIRAL, NOT_MEASURED = "no spiral", "not measured"
+NO_LONGITUDE = {"several_tracks", "phi0_not_constrained", "not_one_source"}
+"""Flags after which no single longitude is given."""
+
 _WHY_NO_TRACK = ("too_few_frequencies", "poor_weights", "poor_fit")
 
 
@@ -110,6 +113,8 @@ def answer_of(track: Track | None, positions: Sequence[Position]) -> Answer:
     grade = _grade(joint, longitude, flags)
     where = _where(joint, longitude, parts, flags)
     is_asked = bool(positions) or (joint is not None and bool(joint.profile))
+    if "not_one_source" in flags:
+        distances, is_asked = None, False
     said = [where, _distance_words(distances) if is_asked else "", *_wind_words(joint, longitude, wind)]
     low, high = distances or (None, None)
     return Answer(
@@ -277,7 +282,7 @@ def _distances(joint: JointTrack | None, positions: Iterable[Position]) -> tuple
 
 def _one_longitude(joint: JointTrack | None, flags: set[str]) -> tuple[float, float, float] | None:
     """Median and 68 % interval of the longitude, where it is one interval and not the prior's."""
-    if joint is None or flags & {"several_tracks", "phi0_not_constrained"} or len(joint.phi0_68) > 1:
+    if joint is None or flags & NO_LONGITUDE or len(joint.phi0_68) > 1:
         return None
     found = _three(joint.phi0_deg)
     return None if joint.tier == "preliminary" else found
@@ -317,6 +322,8 @@ def _where(
         return "no track (none was fitted)"
     if longitude is not None:
         return _longitude_words(*longitude)
+    if "not_one_source" in flags:
+        return "no longitude to be used (the times are not those of one source)"
     if parts:
         each = " or ".join(f"{_span(one.low, one.high)} ({one.probability:.0%})".replace("%", " %") for one in parts)
         return each if joint.tier == "final" else f"preliminary: {each}"

@@ -8,8 +8,8 @@ arrival_utc, sigma_s, edge, flag`` and, for observatories the ephemeris does not
 The noise model of a table, the same for every method: each row has an independent error ``sigma_s``; an error
 ``shape_sd_s`` that is smooth along frequency within an observatory, whose correlation length in ln f stands above the
 header as ``# shape_length_ln_f: 0.5``; and an offset ``offset_sd_s`` that all channels of an observatory share (sample
-grid, clock). ``delay_s`` is a known delay beyond light travel; its error ``delay_sd_s`` changes so slowly along frequency
-that a spacecraft keeps it over a factor of three: directions and the shape of light curves do so.
+grid, clock). ``delay_s`` is a known delay beyond light travel; its error ``delay_sd_s`` changes so slowly along
+frequency that a spacecraft keeps it over a factor of three, as directions and the shape of light curves do.
 A full covariance of all rows may stand in for ``sigma_s``, ``shape_sd_s`` and ``offset_sd_s``. ``rise_s`` is the half
 width of the rise, which scales the delay of a receiver that the source does not point to.
 """

@@ -59,6 +59,13 @@ def fit_track(  # noqa: PLR0913, PLR0917 - one argument per option
             show_default="none",
         ),
     ] = None,
+    other_edges: Annotated[
+        Path | None,
+        typer.Option(
+            help="Arrival table by another definition of the edge, CSV: two spacecraft are placed where both agree.",
+            show_default="none",
+        ),
+    ] = None,
     compare: Annotated[
         bool, typer.Option("--compare", help="Weigh models with a density law, a beam law, and a wind that changes.")
     ] = False,
@@ -84,6 +91,7 @@ def fit_track(  # noqa: PLR0913, PLR0917 - one argument per option
         directions=read_directions(directions) if directions else None,
         floor_deg=directions_floor,
         wind=measured,
+        other_edges=read_arrivals(other_edges, heard_by=2) if other_edges else None,
     )
     with steps("positions", table["frequency_mhz"].nunique()) as advance:
         track = fit_table(table, recipe, advance)

@@ -52,8 +52,12 @@ TRACK_FLAGS = {
     "the model or an error is wrong.",
     "errors_too_large": "The best track misses the arrival times by less than their errors would give once in 10 000 "
     "times: the stated errors are too large, and so are the intervals.",
-    "components_differ": "If light curves had the same shape at all spacecraft, chi-squared would be above 1.3 per "
-    "degree of freedom: spacecraft may hear different components (fundamental and harmonic), or several injections.",
+    "components_differ": "If light curves had the same shape at all spacecraft, chi-squared would be above 2.5 per "
+    "degree of freedom, or their widths differ by a third: spacecraft may hear different components (fundamental and "
+    "harmonic), or several injections.",
+    "not_one_source": "The arrival times are not those of one source on one spiral: spacecraft hear different "
+    "components or bursts, or a clock is wrong. Errors of 0.45 of the rise and a minute per spacecraft were added; the "
+    "numbers are not to be used.",
     "edges_differ": "Edges differ between spacecraft by a smooth error of 0.15 of the rise or more that the table does "
     "not state; it was added: the edges may belong to different bursts, or follow different rules.",
     "clock_offset": "A timing offset of a spacecraft is more than three of its standard deviations: its clock or "
@@ -112,6 +116,7 @@ SERIOUS_FLAGS = frozenset(
         "ingredients_disagree",
         "multimodal",
         "not_a_spiral",
+        "not_one_source",
         "poor_fit",
         "position_not_constrained",
         "prior_dominated",

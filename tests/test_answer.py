@@ -239,3 +239,11 @@ def test_every_track_has_a_sentence_that_ends_with_its_grade(
     assert "-" not in found.sentence.replace("-0", "")
     turned = track(parameter(middle - below - 360, middle - 360, middle + above - 360), flags=tuple(flags), misfit_p=p)
     assert answer_of(turned, PLACES).grade == found.grade
+
+
+def test_times_of_several_sources_give_no_number() -> None:
+    answer = answer_of(track(parameter(25.0, 26.0, 27.0), flags=("not_one_source",)), PLACES)
+
+    assert answer.grade == "D"
+    assert answer.sentence == "no longitude to be used (the times are not those of one source), grade D"
+    assert answer.phi0_deg is answer.v_sw_km_s is answer.range_low_rsun is None

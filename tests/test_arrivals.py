@@ -10,6 +10,7 @@ from bella.arrivals import (
     MAX_ROWS,
     OPTIONAL,
     REQUIRED,
+    ArrivalGrid,
     arrival_grid,
     arrivals_csv,
     check_arrivals,
@@ -369,3 +370,24 @@ def test_frequencies_are_picked_evenly_in_logarithm() -> None:
     np.testing.assert_allclose(frequency_mhz[places], [1.0, 2.0, 4.0, 8.0, 16.0])
     assert evenly_spread(frequency_mhz[::-1], 3).tolist() == sorted(evenly_spread(frequency_mhz[::-1], 3).tolist())
     assert evenly_spread(np.array([0.3]), 5).tolist() == [0]
+
+
+def test_errors_of_the_delay_last_along_the_band() -> None:
+    frequency = np.array([0.2, 0.2 * np.exp(0.8), 2.0])
+    times = np.zeros((3, 2))
+    grid = ArrivalGrid(
+        frequency,
+        ("A", "B"),
+        times,
+        times + 1.0,
+        np.ones((3, 2, 3)),
+        np.datetime64("2012-06-07", "ns"),
+        "half_rise",
+        delay_sd_s=np.array([[4.0, 1.0], [2.0, 1.0], [1.0, 1.0]]),
+        shape_length_ln_f=0.1,
+    )
+    covariance = grid.covariance_s2()
+
+    assert np.diag(covariance) == pytest.approx([17.0, 2.0, 5.0, 2.0, 2.0, 2.0])
+    assert covariance[0, 2] == pytest.approx(4.0 * 2.0 * np.exp(-0.5 * 0.8**2))
+    assert covariance[0, 1] == covariance[0, 3] == 0.0

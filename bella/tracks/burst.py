@@ -9,6 +9,7 @@ import pandas as pd
 import xarray as xr
 
 from bella.arrivals import MIN_OBSERVATORIES, ArrivalGrid, arrival_grid, check_arrivals, locate_receivers
+from bella.exceptions import InputError
 from bella.flags import APPARENT_SOURCE
 from bella.heliosphere import PAPER_FIGURES_ROTATION_D
 from bella.heliosphere.scattering import LITERATURE_DELAY
@@ -48,6 +49,9 @@ class TrackRecipe:
         Error that all directions of a spacecraft share beside their own, degrees.
     wind : WindPrior or None
         Wind of the apparent spiral as measured in situ.
+    other_edges : pandas.DataFrame or None
+        Arrival table of the same burst by another definition of the edge: a track of two spacecraft is published where
+        both agree.
     draws, seed : int
     """
 
@@ -58,6 +62,7 @@ class TrackRecipe:
     directions: pd.DataFrame | None = None
     floor_deg: float = 0.0
     wind: WindPrior | None = None
+    other_edges: pd.DataFrame | None = None
     draws: int = DRAWS
     seed: int = 0
 
@@ -93,7 +98,7 @@ def fit_table(
     preset = find_preset(chosen.preset)
     grid = apply_sigma_rule(grid, preset)
     if len(grid.observatories) < MIN_OBSERVATORIES:
-        return _preliminary(grid)
+        return _preliminary(grid, chosen.other_edges)
     terms = None
     if chosen.directions is not None:
         terms = direction_terms(chosen.directions, located, grid.reference_utc, chosen.floor_deg)
@@ -112,9 +117,17 @@ def fit_table(
     return track_record(fit, line, companions)
 
 
-def _preliminary(grid: ArrivalGrid) -> Track:
+def _preliminary(grid: ArrivalGrid, other_edges: pd.DataFrame | None) -> Track:
     """What two spacecraft say: regions of the longitude, a side and distances."""
-    record = fit_preliminary(grid)
+    other = None
+    if other_edges is not None:
+        located = locate_receivers(check_arrivals(other_edges, source="other edges", heard_by=LEAST_OBSERVATORIES))
+        other = arrival_grid(located, heard_by=1)
+        if set(other.observatories) != set(grid.observatories):
+            raise InputError("other edges are of other spacecraft: give both tables of one burst")
+        if other.edge == grid.edge:
+            raise InputError(f"both tables have the edge {grid.edge}: give another one, such as half_maximum")
+    record = fit_preliminary(grid, other)
     return Track(remark=APPARENT_SOURCE, rotation_period_d=record.rotation_period_d, joint=record)
 
 

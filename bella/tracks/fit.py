@@ -18,10 +18,13 @@ from bella.tracks.quality import (
     COMPONENTS,
     EDGES_DIFFER,
     SHARED_BAND,
+    WIDTHS_DIFFER,
     Quality,
+    doubted,
     has_shape,
     quality_of,
     with_shape,
+    without_clocks,
     without_outliers,
 )
 from bella.units import C_RSUN_S, FloatArray, within_half_turn_deg
@@ -55,8 +58,8 @@ FAST_WIND_KM_S, FAST_PROBABILITY = 1500.0, 0.05
 MISFIT_P = 1e-4
 """Two-sided: chi2 is larger, or smaller, once in 10 000 times."""
 
-LARGE_ERRORS = 0.25
-"""Chi2 per degree of freedom below which errors are called too large: times read off a smooth curve have 0.3 to 0.7."""
+LARGE_ERRORS = 0.2
+"""Chi2 per degree of freedom below which errors are called too large: times read off a smooth curve have 0.2 to 0.7."""
 
 BEAM_SPEEDS_C = (0.03, 0.6)
 """Speeds of beams of Type III bursts in the literature (Reid & Ratcliffe 2014, doi:10.1088/1674-4527/14/7/003)."""
@@ -142,6 +145,7 @@ def fit_track(
     quality = quality_of(likelihood, nodes, grid)
     likelihood, nodes, added = with_shape(likelihood, nodes, quality, stated=has_shape(grid))
     quality = replace(quality, added=added, dropped=dropped)
+    likelihood, nodes = without_clocks(likelihood, nodes)
     return _fitted(likelihood, nodes, quality, grid, STARTS, draws, np.random.default_rng(seed))
 
 
@@ -174,7 +178,7 @@ def refit(  # noqa: PLR0913
     likelihood = replace(likelihood, seen=fit.likelihood.seen)
     nodes = around_the_circle(likelihood, starts)
     quality = quality_of(likelihood, nodes, grid)
-    return _fitted(likelihood, nodes, quality, grid, starts, draws, np.random.default_rng(seed))
+    return _fitted(likelihood, nodes, quality, grid, starts, draws, np.random.default_rng(seed), fit.record.flags)
 
 
 def _fitted(  # noqa: PLR0913, PLR0917
@@ -185,7 +189,9 @@ def _fitted(  # noqa: PLR0913, PLR0917
     starts: Starts,
     draws: int,
     rng: np.random.Generator,
+    before: tuple[str, ...] = (),
 ) -> TrackFit:
+    """Draws, flags and record; `before` are the flags of a fit to the same times whose errors were not yet doubted."""
     nodes, drawn = propagated(likelihood, nodes, starts, draws, rng)
     effective = drawn.effective
     if effective < MIN_EFFECTIVE:  # the Gaussians of Laplace are then the better answer, with a flag
@@ -195,7 +201,13 @@ def _fitted(  # noqa: PLR0913, PLR0917
     if is_orderly:
         drawn = reweighted(drawn, orderly)
     summaries = _summaries(values, drawn.weight, likelihood.track)
-    flags = tuple(_flags(nodes, values, drawn.weight, summaries, quality, effective, is_orderly))
+    flags = tuple(
+        dict.fromkeys((*before, *_flags(nodes, values, drawn.weight, summaries, quality, effective, is_orderly)))
+    )
+    if "not_one_source" in flags and not before:
+        likelihood = doubted(likelihood)
+        around = around_the_circle(likelihood, starts)
+        return _fitted(likelihood, around, quality, grid, starts, draws, rng, flags)
     record = _record(likelihood, nodes, summaries, drawn.log_evidence, quality, grid, effective, flags)
     place = _equal(drawn.weight, rng)
     single = {name: value[place] for name, value in values.items() if value.ndim == 1}
@@ -281,7 +293,7 @@ def _flags(  # noqa: PLR0913, PLR0917
         "several_tracks": len(region(nodes, 0.95)) > 1,
         "poor_fit": quality.misfit_p < MISFIT_P,
         "errors_too_large": quality.misfit_p > 1 - MISFIT_P and quality.chi2 < LARGE_ERRORS * quality.freedom,
-        "components_differ": quality.plain_chi2 > COMPONENTS,
+        "components_differ": quality.plain_chi2 > COMPONENTS or quality.width_share > WIDTHS_DIFFER,
         "edges_differ": quality.added >= EDGES_DIFFER,
         "clock_offset": bool(quality.clocks),
         "two_spacecraft": quality.shared_band < SHARED_BAND,
@@ -290,6 +302,12 @@ def _flags(  # noqa: PLR0913, PLR0917
         "arrivals_down_weighted": quality.dropped > 0,
         "poor_weights": effective < GOOD_EFFECTIVE,
     }
+    applies["not_one_source"] = (
+        quality.width_share > WIDTHS_DIFFER
+        or applies["not_a_spiral"]
+        or applies["beam_speed_unlikely"]
+        or (applies["edges_differ"] and applies["clock_offset"])
+    )
     return [name for name, on in applies.items() if on]
 
 

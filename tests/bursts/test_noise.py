@@ -1,5 +1,7 @@
 """The noise of arrival times is found where it is put in, and states the errors of differences."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -11,6 +13,7 @@ from bella.bursts.noise import (
     noise_columns,
     outliers,
     spread_channels,
+    width_spread,
 )
 
 FREQUENCY_MHZ = np.geomspace(0.2, 2.5, 40)
@@ -103,3 +106,30 @@ def test_errors_that_all_share_cancel_in_differences_of_any_number() -> None:
 def test_thick_sets_of_channels_are_thinned() -> None:
     one = made(np.random.default_rng(2))
     assert len(spread_channels(one, 10)) == 30
+
+
+def stretched(timed: Timed, factors: tuple[float, ...], tilt: float = 0.0) -> Timed:
+    """The same with rises that differ between spacecraft, and whose difference changes by `tilt` per ln f."""
+    ln_factor = np.array([np.log(factors[NAMES.index(name)]) for name in timed.observatory])
+    sign = np.array([NAMES.index(name) - 1 for name in timed.observatory])
+    away = np.log(timed.frequency_mhz) - np.log(timed.frequency_mhz).mean()
+    return replace(timed, rise_s=timed.rise_s * np.exp(ln_factor + tilt * sign * away))
+
+
+def test_the_spread_of_widths_is_that_between_spacecraft() -> None:
+    one = made(np.random.default_rng(4))
+    assert width_spread(one) == pytest.approx(0.0, abs=1e-9)
+    factors = (1.28, 0.77, 1.0)
+    assert width_spread(stretched(one, factors)) == pytest.approx(np.std(np.log(factors), ddof=1))
+    # of slopes -1, 0 and 1 the deviation is the distance from the middle of the band
+    along = np.linspace(-0.5, 0.5, 9) * np.ptp(np.log(FREQUENCY_MHZ))
+    assert width_spread(stretched(one, (1, 1, 1), 0.2)) == pytest.approx(0.2 * np.sqrt(np.mean(along**2)))
+    assert width_spread(one.take(np.flatnonzero(one.observatory == "PSP"))) == 0.0
+
+
+def test_light_curves_of_other_widths_make_errors_that_last_along_the_band() -> None:
+    timed = estimate_noise(stretched(made(np.random.default_rng(4)), (1.28, 0.77, 1.0)))
+    # two fifths of the spread: measured, as the constant says
+    assert timed.width_share == pytest.approx(0.4 * np.std(np.log((1.28, 0.77, 1.0)), ddof=1))
+    for rows in (timed, at_frequencies(timed, FREQUENCY_MHZ[5:-5])):
+        np.testing.assert_allclose(noise_columns(rows)["delay_sd_s"], timed.width_share * rows.rise_s)

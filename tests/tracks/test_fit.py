@@ -329,3 +329,94 @@ def test_the_smallest_regions_hold_what_they_say() -> None:
     assert only.high - only.low < near.high - near.low
     (everywhere,) = region(replace(nodes, log_density=np.zeros(720)), 1.0)
     assert (everywhere.low, everywhere.high) == (-180.0, 180.0)
+
+
+def test_the_delay_is_propagated_and_not_measured() -> None:
+    """Clean times seem to tell the delay by the smoothness of the track: its prior must come back all the same."""
+    grid = Burst(kappa=0.25).arrivals(np.random.default_rng(21), sigma_s=0.3, shape=0.002, offset_s=0.1)
+    prior = DirectionalDelay(0.1, 0.1)
+    fit = fitted(grid, model=TrackModel(delay=prior))
+    assert fit.record.noise is not None
+    assert fit.record.noise.kappa is not None
+
+    assert fit.record.noise.kappa.mean == pytest.approx(prior.kappa, abs=0.02)
+    assert fit.record.noise.kappa.sd == pytest.approx(prior.kappa_sd, rel=0.15)
+    # 0.25 is 1.5 deviations from its prior
+    assert np.std(fit.draws["kappa"]) == pytest.approx(prior.kappa_sd, rel=0.15)
+    assert holds(fit.record.beam_speed_c, 0.15)
+
+
+def test_a_density_that_waves_is_not_called_a_misfit() -> None:
+    """A wave of the distance is a larger one of the time of emission, which arrival times do not have to explain."""
+    burst = Burst()
+    wave = 25.0 * (0.55 / FREQUENCY_MHZ) * np.sin(2 * np.pi * np.log(FREQUENCY_MHZ) / 1.2)
+    grid = burst.arrivals(np.random.default_rng(22), sigma_s=2.0, shape=0.01)
+    record = fitted(replace(grid, arrival_s=grid.arrival_s + wave[:, None])).record
+
+    assert "poor_fit" not in record.flags
+    assert record.noise is not None
+    assert record.noise.added < 0.05
+    assert holds(record.phi0_deg, burst.phi0_deg)
+
+
+def test_a_late_clock_is_freed_and_does_not_move_the_track() -> None:
+    burst = Burst(phi0_deg=10.0, v_sw_km_s=420.0)
+    grid = burst.arrivals(np.random.default_rng(1), receivers=FOUR, sigma_s=2.0, shape=0.03)
+    late = grid.arrival_s.copy()
+    late[:, 1] += 30.0
+    record = fitted(replace(grid, arrival_s=late)).record
+
+    assert "clock_offset" in record.flags
+    assert holds(record.phi0_deg, burst.phi0_deg)
+    assert abs(apart_deg(record.phi0_deg.q50 or 0.0, burst.phi0_deg)) < 5.0  # 11 deg with the clock as it is
+    assert "not_one_source" not in record.flags
+
+
+def test_light_curves_that_differ_much_are_not_one_source() -> None:
+    grid = Burst().arrivals(np.random.default_rng(23), receivers=FOUR)
+    assert grid.rise_s is not None
+    alike, differing = (fitted(replace(grid, delay_sd_s=share * grid.rise_s)).record for share in (0.13, 0.15))
+
+    assert "not_one_source" not in alike.flags
+    assert {"components_differ", "not_one_source"} <= set(differing.flags)
+    # the errors that are then added make every number wide
+    for name in ("phi0_deg", "beam_speed_c"):
+        wide, narrow = (getattr(one, name) for one in (differing, alike))
+        assert wide.q84 - wide.q16 > 2 * (narrow.q84 - narrow.q16)
+
+
+def test_bursts_of_two_sources_give_no_tight_answer() -> None:
+    """Each spacecraft another burst: the answer is wide, and says that its numbers are not to be used."""
+    grids = [Burst(phi0_deg=phi0).arrivals(np.random.default_rng(24)) for phi0 in (20.0, -120.0, 150.0)]
+    mixed = np.stack([grid.arrival_s[:, column] for column, grid in enumerate(grids)], axis=1)
+    record = fitted(replace(grids[0], arrival_s=mixed)).record
+
+    assert "not_one_source" in record.flags
+    assert sum(part.high - part.low for part in record.phi0_68) > 25.0
+
+
+def test_a_source_at_a_receiver_has_finite_slopes() -> None:
+    track = Track(TrackModel(), (0.16, 1.9))
+    rows = evidence_of(Burst().arrivals()).rows
+    z, phi0 = np.zeros((1, track.size)), np.array([0.4])
+    range_rsun = track.range_rsun(z, track.basis(rows.frequency_mhz))
+    there = replace(rows, receiver_rsun=track.position_rsun(phi0, z, range_rsun)[0])
+
+    assert np.isfinite(track.slopes_s(phi0, z, there)).all()
+    assert np.abs(track.slopes_s(phi0, z, there)).max() < 1e5
+
+
+def test_parts_of_a_region_that_nearly_touch_are_one() -> None:
+    from bella.tracks.fit import region
+    from bella.tracks.posterior import Nodes
+
+    phi0 = -np.pi + 2 * np.pi * np.arange(720) / 720
+
+    def parts_of(apart_deg: float) -> int:
+        peaks = [np.exp(-0.5 * (np.degrees(phi0 - at) / 0.8) ** 2) for at in np.radians([-180.0, -180 + apart_deg])]
+        peaks[0] = peaks[0] + peaks[0][::-1]
+        nodes = Nodes(phi0, np.zeros((720, 1)), np.log(sum(peaks) + 1e-300), np.ones((720, 1, 1)))
+        return len(region(nodes, 0.8))
+
+    assert parts_of(3.5) == 1
+    assert parts_of(8.0) == 2

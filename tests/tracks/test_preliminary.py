@@ -17,7 +17,7 @@ from scipy.stats import multivariate_t
 from bella.arrivals import ArrivalGrid, arrival_grid, check_arrivals, locate_receivers
 from bella.exceptions import InputError, NotPlacedError
 from bella.records import JointTrack
-from bella.tracks import fit_preliminary, level_of, preliminary_track, why_not_published
+from bella.tracks import TrackRecipe, fit_preliminary, fit_table, level_of, preliminary_track, why_not_published
 from bella.tracks.preliminary import CELLS, _region, region_size_deg, separation_deg
 from bella.tracks.preliminary_model import ArrivalModel, range_prior, rows_of, search
 from benchmarks.preliminary import right_side, simulated
@@ -337,6 +337,43 @@ def test_two_edges_must_agree() -> None:
     assert fit_preliminary(grid).flags == ("one_edge",)
     assert fit_preliminary(grid, later(grid, 0, 1.0)).flags == ()
     assert "exclude one another" in refusal(grid, later(grid, 0, -30.0 / grid.frequency_mhz))
+
+
+def as_table(grid: ArrivalGrid, edge: str = "half_rise", names: tuple[str, str] = ("A", "B")) -> pd.DataFrame:
+    row, column = np.nonzero(np.isfinite(grid.arrival_s))
+    seconds = np.rint(grid.arrival_s[row, column] * 1e9).astype("timedelta64[ns]")
+    place = dict(zip(("x_rsun", "y_rsun", "z_rsun"), grid.receiver_rsun[row, column].T, strict=True))
+    noise = {name: getattr(grid, name)[row, column] for name in ("sigma_s", "shape_sd_s", "offset_sd_s", "rise_s")}
+    return pd.DataFrame(
+        {
+            "observatory": np.array(names)[column],
+            "frequency_mhz": grid.frequency_mhz[row],
+            "arrival_utc": grid.reference_utc + seconds,
+            "edge": edge,
+            **noise,
+            **place,
+        }
+    )
+
+
+def test_a_second_table_is_asked_of_two_spacecraft() -> None:
+    grid = burst(published_seed())[1]
+    first = as_table(grid)
+
+    def joint(other: pd.DataFrame | None) -> JointTrack | None:
+        return fit_table(first, TrackRecipe(other_edges=other)).joint
+
+    alone, both = joint(None), joint(as_table(later(grid, 0, 1.0), "half_maximum"))
+    assert alone is not None
+    assert both is not None
+    assert "one_edge" in alone.flags
+    assert "one_edge" not in both.flags
+    with pytest.raises(NotPlacedError, match="exclude one another"):
+        joint(as_table(later(grid, 0, -30.0 / grid.frequency_mhz), "half_maximum"))
+    with pytest.raises(InputError, match="both tables have the edge half_rise"):
+        joint(first)
+    with pytest.raises(InputError, match="other spacecraft"):
+        joint(as_table(grid, "half_maximum", ("A", "C")))
 
 
 def test_separation_is_the_angle_at_the_sun() -> None:

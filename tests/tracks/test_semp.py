@@ -246,3 +246,28 @@ def test_weights_and_a_diagonal_covariance_are_the_same() -> None:
 def test_one_frequency_is_refused_in_words() -> None:
     with pytest.raises(InputError, match=r"more than one frequency|at least 4"):
         semp_companion(semp_burst(None).take(np.array([3])))
+
+
+def test_errors_of_release_and_speed_hold_that_of_the_longitude() -> None:
+    angle = np.radians([-60.0, 0.0, 80.0])
+    place = AU_RSUN * np.stack([np.cos(angle), np.sin(angle), 0 * angle], axis=1)
+    receiver = np.tile(place, (FREQUENCY_MHZ.size, 1, 1))
+    distance = emission_range_rsun(FREQUENCY_MHZ / math.sqrt(DENSER), MODEL)
+    path_rsun = spiral_path_rsun(distance, 400.0, SEMP_ROTATION_D)
+
+    def times_s(release_s: float, slowness_s_rsun: float, phi0_deg: float) -> np.ndarray:
+        source = spiral_position_rsun(distance, phi0_deg, 400.0, SEMP_ROTATION_D)
+        light_s = np.linalg.norm(source[:, None] - receiver, axis=2) / C_RSUN_S
+        return release_s + slowness_s_rsun * path_rsun[:, None] + light_s
+
+    true = np.array([RELEASE_S, 1 / (BEAM_C * C_RSUN_S), 130.0])
+    grid = ArrivalGrid(
+        FREQUENCY_MHZ, ("A", "B", "C"), times_s(*true), np.full(receiver.shape[:2], SIGMA_S), receiver, EPOCH, "none"
+    )
+    steps = np.diag([1.0, 1e-3, 0.01])
+    slopes = [(times_s(*(true + one)) - times_s(*(true - one))).ravel() / (2 * one.max()) / SIGMA_S for one in steps]
+    release_sd, slowness_sd, _ = np.sqrt(np.diag(np.linalg.inv(np.array(slopes) @ np.array(slopes).T)))
+    found = semp_companion(grid)
+
+    assert found["release_utc"]["sd"] == pytest.approx(release_sd, rel=0.05)
+    assert found["beam_speed_c"]["sd"] == pytest.approx(BEAM_C**2 * C_RSUN_S * slowness_sd, rel=0.05)
