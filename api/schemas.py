@@ -68,9 +68,7 @@ class DetectionReply(Reply):
     score: float = Field(description="Of the matched filter, in standard deviations of noise.")
     drift: float = Field(description="Speed of the beam whose drift fits best, in units of c.")
     peak_db: float = Field(description="Peak over background, dB.")
-    flux_sfu_1au: float | None = Field(
-        description="Largest flux density at 1 au, sfu; null where not stated."
-    )
+    flux_sfu_1au: float | None = Field(description="Largest flux density at 1 au, sfu; null where not stated.")
     channels: int
     isolated: bool
     tier: str = Field(description="localisable, catalogued or rejected.")
