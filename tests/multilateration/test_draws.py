@@ -51,7 +51,7 @@ def test_draws_are_as_many_as_they_are_said_to_be_and_in_no_order(name) -> None:
     _, draws, _ = solve(name)
 
     assert draws.position.shape == (1, NUMBER, 2)
-    assert 0.9 * NUMBER <= draws.effective[0] <= NUMBER * (1 + 1e-9)
+    assert 0.98 * NUMBER <= draws.effective[0] <= NUMBER * (1 + 1e-9)
     for values in (*draws.position[0].T, draws.emission_s[0], draws.v_over_c[0]):
         # rank correlation of neighbours; the moments of ranks do not depend on the shape of the posterior
         ranks = stats.rankdata(values)
