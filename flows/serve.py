@@ -19,6 +19,10 @@ FIRST_RUN_AFTER = timedelta(seconds=10)
 INGEST, SCHEDULED = "ingest", "scheduled"
 
 
+MOST_RUNS = 200
+"""Of one answer of Prefect's API."""
+
+
 def intervals_s(settings: Settings) -> dict[str, float]:
     """Interval of every deployment, s, by the name of its flow."""
     return {
@@ -54,8 +58,11 @@ def main(names: Sequence[str] = ()) -> None:
     _lay_out(settings)
     from prefect import serve  # noqa: PLC0415 - Prefect reads its settings when imported
 
+    from flows.tasks import answering  # noqa: PLC0415 - the same
+
     wanted = names or [name for name in known if name != INGEST]
-    _end_dead_runs(wanted)
+    with answering():
+        _end_dead_runs(wanted)
     serve(*_deployments(wanted, settings), pause_on_shutdown=False, print_starting_message=False)
 
 
@@ -96,6 +103,7 @@ def _end_dead_runs(names: Sequence[str]) -> None:
         FlowRunFilterStateType,
     )
     from prefect.client.schemas.objects import StateType  # noqa: PLC0415
+    from prefect.client.schemas.sorting import FlowRunSort  # noqa: PLC0415
     from prefect.states import Crashed  # noqa: PLC0415
 
     alive = FlowRunFilterStateType(any_=[StateType.RUNNING, StateType.PENDING])
@@ -104,6 +112,8 @@ def _end_dead_runs(names: Sequence[str]) -> None:
             flow_filter=FlowFilter(name=FlowFilterName(any_=list(names))),
             flow_run_filter=FlowRunFilter(state=FlowRunFilterState(type=alive)),
             deployment_filter=DeploymentFilter(name=DeploymentFilterName(any_=[SCHEDULED])),
+            limit=MOST_RUNS,
+            sort=FlowRunSort.ID_DESC,
         )
         for run in runs:
             client.set_flow_run_state(run.id, Crashed(message="its worker was killed"))

@@ -11,9 +11,6 @@ import xarray as xr
 
 from bella.archive import received
 from bella.bursts.association import (
-    FEWEST_SPACECRAFT,
-    LEAST_LOW,
-    LOW_MHZ,
     SLOWEST,
     AssociatedBurst,
     Member,
@@ -21,7 +18,7 @@ from bella.bursts.association import (
     association_table,
 )
 from bella.bursts.detection import GROUP, search
-from bella.bursts.matched_filter import FREQUENCY_MHZ
+from bella.bursts.matched_filter import FREQUENCY_MHZ, THRESHOLDS
 from bella.bursts.timing import (
     HALF_RISE,
     SHARED,
@@ -180,10 +177,10 @@ def heard_by_two(burst: AssociatedBurst) -> bool:
     bool
     """
     alone = [member.candidate for member in burst.members if member.fits]
-    if len(alone) != FEWEST_SPACECRAFT - 1 or GROUP in {member.unfit for member in burst.members}:
+    if len(alone) != THRESHOLDS.spacecraft - 1 or GROUP in {member.unfit for member in burst.members}:
         return False
-    both = alone[0].hit & alone[1].hit & (FREQUENCY_MHZ < LOW_MHZ)
-    return bool(np.count_nonzero(both) >= LEAST_LOW and min(one.drift for one in alone) > SLOWEST)
+    both = alone[0].hit & alone[1].hit & (THRESHOLDS.low_mhz > FREQUENCY_MHZ)
+    return bool(np.count_nonzero(both) >= THRESHOLDS.low_channels and min(one.drift for one in alone) > SLOWEST)
 
 
 def day_spectra(files: DayFiles) -> tuple[dict[str, xr.Dataset], tuple[str, ...]]:

@@ -11,10 +11,9 @@ from bella.arrivals import MIN_OBSERVATORIES
 from bella.catalogue import FleetMap, ObservedDay, ReceiverDay
 from bella.catalogue.observability import BINS, MINUTES_PER_BIN, fleet_of
 from bella.exceptions import BellaError
-from bella.multilateration.exact import exact_posterior
-from bella.multilateration.exact_map import Receivers, noise_free_arrivals
+from bella.multilateration.posterior import Recipe, exact_posterior
 from bella.multilateration.priors import find_preset
-from bella.multilateration.solution import Recipe
+from bella.multilateration.uncertainty_map import Receivers, noise_free_arrivals
 from bella.spacecraft import position_hee
 from bella.units import FloatArray
 
