@@ -99,6 +99,7 @@ def listening(address: str, query: str = "", **headers: str) -> Iterator[Iterato
         assert reply.status_code == 200
         assert reply.headers["content-type"].startswith("text/event-stream")
         assert reply.headers["cache-control"] == "no-store"
+        assert reply.headers["x-accel-buffering"] == "no"  # a proxy before it must not hold events back
         assert "content-encoding" not in reply.headers
         yield _events(reply)
 
@@ -183,6 +184,17 @@ def test_the_feed_holds_the_newest_first_and_is_sent_once(told: Settings) -> Non
     with Catalogue.open(told.catalogue_url) as catalogue:
         publish(told, catalogue, "T3-20990101-0000", Origin.ARCHIVE)
     assert client.get("/feed.atom", headers={"If-None-Match": reply.headers["etag"]}).status_code == 200
+
+
+def test_a_page_of_another_site_may_go_on_after_an_event(empty: Settings) -> None:
+    asked = {
+        "Origin": "https://example.org",
+        "Access-Control-Request-Method": "GET",
+        "Access-Control-Request-Headers": "last-event-id",
+    }
+    reply = client_of(empty).options(STREAM, headers=asked)
+    assert reply.status_code == 200
+    assert "last-event-id" in reply.headers["access-control-allow-headers"].lower()
 
 
 def test_pages_name_the_feed(told: Settings) -> None:
