@@ -145,6 +145,12 @@ def test_edges_of_spectra_are_timed_with_their_covariance() -> None:
         bella.time_edges(event_spectra(), "soon")
 
 
+def test_the_covariance_of_arrival_times_is_used(located: bella.Localisation) -> None:
+    wider = bella.Arrivals(TABLE, np.diag(9 * TABLE["sigma_s"].to_numpy() ** 2 + 100.0))
+    area = bella.localise(wider, draws=50).posterior["area68_rsun2"]
+    assert (area > 2 * located.posterior["area68_rsun2"]).all()
+
+
 def test_bursts_are_found_in_spectra() -> None:
     found = bella.detect(event_spectra())
     assert len(found) > 0

@@ -80,6 +80,7 @@ def _axes(ax: Any) -> Any:
 
 def _ecliptic(axes: Any) -> Any:
     axes.plot(0, 0, "o", color="gold", markersize=10)
+    axes.margins(0.15)  # room for the names of the spacecraft
     axes.set(xlabel=ECLIPTIC[0], ylabel=ECLIPTIC[1], aspect="equal")
     return axes
 

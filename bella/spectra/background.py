@@ -249,7 +249,8 @@ def _interpolated(levels: FloatArray, centres: FloatArray, seconds: FloatArray) 
     below = np.minimum(place.astype(np.intp), max(len(centres) - 2, 0))
     above = np.minimum(below + 1, len(centres) - 1)
     share = (place - below)[:, np.newaxis]
-    return np.asarray((1.0 - share) * levels[below] + share * levels[above], dtype=np.float64)
+    between: FloatArray = (1.0 - share) * levels[below] + share * levels[above]
+    return between
 
 
 def _centred(intensity_db: FloatArray, level_db: FloatArray) -> Background:

@@ -3,12 +3,14 @@
 import json
 from typing import Any
 
+import numpy as np
 import pytest
 from fastapi.testclient import TestClient
 
 from bella.formats import BURSTS, FORMATS, LOCALISATIONS
+from tests.api.published import CHANNELS
 from tests.formats.reading import READERS, read_back
-from tests.plotting.synthetic import BURST_ID
+from tests.plotting.synthetic import BURST_ID, synthetic_posterior
 
 TABLES = ["bursts", "tracks", "localisations", f"bursts/{BURST_ID}/track", f"bursts/{BURST_ID}/arrivals"]
 
@@ -27,7 +29,7 @@ def test_a_format_is_chosen_by_name_or_by_media_type(client: TestClient, path: s
     for reply in (named, accepted):
         assert reply.headers["content-type"].partition(";")[0] == media_type
         assert reply.headers["content-disposition"].endswith(f'{FORMATS[name].suffix}"')
-        assert "Accept" in reply.headers["vary"]
+        assert "Accept" in reply.headers["vary"].split(", ")
 
 
 @pytest.mark.parametrize(
@@ -109,6 +111,11 @@ def test_arrival_times_are_those_of_the_posterior_and_of_one_spacecraft_where_as
     one = json.loads(got(client, f"bursts/{BURST_ID}/arrivals", observatory="WIND").content)["rows"]
     assert {row["observatory"] for row in rows} == {"WIND", "STEREO-A", "STEREO-B"}
     assert one == [row for row in rows if row["observatory"] == "WIND"]
+    posterior = synthetic_posterior("half_maximum", frequencies=CHANNELS)
+    after_s = posterior["arrival_s"].sel(observatory="WIND").to_numpy()
+    start = np.datetime64(posterior.attrs["reference_time"].removesuffix("Z"))
+    away = [np.datetime64(row["arrival_utc"].removesuffix("Z")) - start for row in one]
+    np.testing.assert_allclose(np.array(away) / np.timedelta64(1, "s"), after_s, atol=1e-6)
     refused = client.get(f"/api/v1/bursts/{BURST_ID}/arrivals?observatory=PSP")
     assert refused.status_code == 422
     assert "WIND" in refused.json()["detail"]
