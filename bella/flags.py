@@ -116,7 +116,6 @@ SERIOUS_FLAGS = frozenset(
         "ingredients_disagree",
         "multimodal",
         "not_a_spiral",
-        "not_one_source",
         "poor_fit",
         "position_not_constrained",
         "prior_dominated",
