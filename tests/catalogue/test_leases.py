@@ -142,6 +142,14 @@ def test_a_lease_is_renewed_beside_the_work_however_long_that_takes(catalogue: C
     assert catalogue.stage_runs(1)[0].expires_utc == after, "nothing beats after the work"
 
 
+def test_a_lease_is_renewed_long_before_it_ends(catalogue: Catalogue) -> None:
+    duration_s = 9.0
+    with catalogue.lease("localise", "T3-1", "slow", duration_s) as lease:
+        wait_until(lambda: catalogue.stage_runs(1)[0].expires_utc > lease.expires_utc)
+        renewed = catalogue.stage_runs(1)[0].expires_utc
+    assert (renewed - lease.expires_utc).total_seconds() < duration_s, "before it had ended"
+
+
 def test_a_heart_beats_on_after_a_database_that_was_away(catalogue: Catalogue, monkeypatch: pytest.MonkeyPatch) -> None:
     real, asked = Lease.renew, []
 
