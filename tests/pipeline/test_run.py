@@ -17,7 +17,7 @@ import pytest
 from fastapi.testclient import TestClient
 
 from api.app import create_app
-from bella.catalogue import Catalogue
+from bella.catalogue import BurstQuery, Catalogue
 from bella.pipeline.outcome import DayOutcome, UnfinishedError, check_finished
 from bella.pipeline.run import Direct, Run, process_days
 from bella.pipeline.workers import Workers
@@ -186,7 +186,7 @@ def contents(settings: Settings) -> dict[str, object]:
             "day": catalogue.searched_day(DAY, (Origin.SIMULATED,)),
             "detections": catalogue.detections_of(DAY, (Origin.SIMULATED,)),
         }
-        for burst in catalogue.bursts().bursts:
+        for burst in catalogue.bursts(BurstQuery(origins=frozenset(Origin))).bursts:
             for one in catalogue.versions(burst.burst.burst_id):
                 key = one.solution_id
                 rows, track = catalogue.localisations(key), catalogue.track_fit(key)
