@@ -17,11 +17,11 @@ import pytest
 from fastapi.testclient import TestClient
 
 from api.app import create_app
-from bella.catalogue import Catalogue
+from bella.catalogue import BurstQuery, Catalogue
 from bella.pipeline.outcome import DayOutcome, UnfinishedError, check_finished
 from bella.pipeline.run import Direct, Run, process_days
 from bella.pipeline.workers import Workers
-from bella.records import DayAnswer
+from bella.records import DayAnswer, Origin
 from bella.settings import Settings
 from bella.simulation.archive_days import simulate_days, sky_of
 from bella.simulation.burst import source_position_rsun
@@ -75,7 +75,7 @@ def refined(archive: Path, tmp_path_factory: pytest.TempPathFactory) -> Refined:
     shutil.rmtree(two / "pub/data/solar-orbiter")
     settings = Settings(home=tmp_path_factory.mktemp("days"), in_situ=None, regions=None, draws=500)
     early = process(settings, two)
-    figure = settings.day_figure(DAY)
+    figure = settings.day_figure(DAY, Origin.SIMULATED)
     first = height(figure)
     figure.unlink()
     again = process(settings, None)
@@ -115,8 +115,8 @@ def utc(moment: np.datetime64) -> datetime:
 
 def test_every_burst_is_in_the_catalogue_with_its_reason(refined: Refined) -> None:
     with closing(Catalogue.open(refined.settings.catalogue_url)) as catalogue:
-        found = catalogue.detections(START, STOP)
-        day = catalogue.searched_day(DAY)
+        found = catalogue.detections(START, STOP, origins=(Origin.SIMULATED,))
+        day = catalogue.searched_day(DAY, (Origin.SIMULATED,))
     assert day is not None
     assert day.answer is DayAnswer.LOCALISED
     assert {one.burst_id for one in found if one.tier == "localisable"} == names(refined.late.localised)
@@ -124,7 +124,7 @@ def test_every_burst_is_in_the_catalogue_with_its_reason(refined: Refined) -> No
         assert (one.reason == "") == (one.tier == "localisable"), one
         assert (one.burst_id == "") == (one.tier == "rejected"), one
     assert {name for name, _ in refined.late.refused} == {one.burst_id for one in found if one.tier == "catalogued"}
-    assert green(refined.settings.day_figure(DAY)) > 0.0, "boxes of bursts that were localised"
+    assert green(refined.settings.day_figure(DAY, Origin.SIMULATED)) > 0.0, "boxes of bursts that were localised"
 
 
 def test_two_spacecraft_give_a_preliminary_track_at_once(refined: Refined) -> None:
@@ -182,8 +182,11 @@ def test_pages_of_a_preliminary_and_a_final_burst_are_served(refined: Refined) -
 def contents(settings: Settings) -> dict[str, object]:
     """Everything about results but when they were made, and what their groups are called."""
     with closing(Catalogue.open(settings.catalogue_url)) as catalogue:
-        found: dict[str, object] = {"day": catalogue.searched_day(DAY), "detections": catalogue.detections_of(DAY)}
-        for burst in catalogue.bursts().bursts:
+        found: dict[str, object] = {
+            "day": catalogue.searched_day(DAY, (Origin.SIMULATED,)),
+            "detections": catalogue.detections_of(DAY, (Origin.SIMULATED,)),
+        }
+        for burst in catalogue.bursts(BurstQuery(origins=frozenset(Origin))).bursts:
             for one in catalogue.versions(burst.burst.burst_id):
                 key = one.solution_id
                 rows, track = catalogue.localisations(key), catalogue.track_fit(key)
@@ -206,7 +209,7 @@ def test_results_are_the_same_whatever_the_workers_and_after_one_was_killed(arch
     victim.wait()
     home = Settings(home=sandbox.home, in_situ=None, regions=None, draws=500)
     with closing(Catalogue.open(home.catalogue_url)) as catalogue:
-        assert catalogue.searched_day(DAY) is None
+        assert catalogue.searched_day(DAY, (Origin.SIMULATED,)) is None
 
     done = sandbox.run(*command, "--json", BELLA_DRAWS="500")
 
