@@ -138,8 +138,10 @@ def _levels(medians: FloatArray) -> FloatArray:
 
 def _quiet(intensity_db: FloatArray, levels: FloatArray, time: Instants) -> Background:
     """Quiet level of every record from those of the blocks."""
-    centres = (np.arange(len(levels)) + 0.5) * BLOCK_S
-    return _centred(intensity_db, _interpolated(levels, centres, _seconds(intensity_db, time)))
+    centres = np.asarray((np.arange(len(levels)) + 0.5) * BLOCK_S, dtype=np.float64)
+    return _centred(
+        intensity_db, _interpolated(np.asarray(levels, dtype=np.float64), centres, _seconds(intensity_db, time))
+    )
 
 
 def over_background(spectrum: xr.Dataset) -> xr.Dataset:
