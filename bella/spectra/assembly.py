@@ -390,13 +390,16 @@ def assemble_sweeps(
         raise InputError(f"{origin.source}: {time.size} samples at {channels.size} frequencies are no sweeps")
     when = np.full(shape, np.datetime64("NaT"), dtype="datetime64[ns]")
     # what is written last stays: the first visit with a value of several in one record
-    last = (order.size - 1) - np.argsort(np.isfinite(values["intensity"][order])[::-1], kind="stable")
-    when[row[last], column[last]] = time[last]
+    last = np.argsort(np.isfinite(values["intensity"][order])[::-1], kind="stable").astype(np.int32)
+    np.subtract(order.size - 1, last, out=last)
+    row, column, order, time = row[last], column[last], order[last], time[last]
+    when[row, column] = time
     centre = record_centres(row, time)
+    del time, last
     missing = np.isnat(when)
     when[missing] = np.broadcast_to(centre[:, None], shape)[missing]
-    order, row, column = order[last], row[last], column[last]
     extra = {name: _spread(array[order], row, column, shape) for name, array in values.items()}
+    del row, column, order, missing
     return assemble(origin, centre, channels, extra.pop("intensity"), {"sample_time": when, **extra})
 
 

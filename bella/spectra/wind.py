@@ -240,7 +240,7 @@ def read_l3_directions(cdf: CdfFile, receiver: str) -> tuple[xr.Dataset, ...]:
     sweep = beside.matrix("SWEEP") if cdf.has_records("SWEEP") else None
     origin = Origin(OBSERVATORY, receiver.upper(), "flux_w_m2_hz", cdf.name)
     # without a number of the sweep it is cut by the visits of the channels alone
-    sweep = np.zeros(time.size) if sweep is None else sweep
+    sweep = np.zeros(time.size, np.float32) if sweep is None else sweep.astype(np.float32)
     spectrum = assemble_sweeps(origin, sweep, time, cdf.frequency_mhz("FREQUENCY", "kHz"), values)
     return (spectrum.assign_attrs(left_out=";".join(beside.left_out)) if beside.left_out else spectrum,)
 

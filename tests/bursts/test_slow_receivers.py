@@ -57,8 +57,9 @@ def test_minutes_that_share_a_sample_share_its_noise(cadence_s: int) -> None:
     match = channel_match(grid.excess_db, grid.noise_db, grid.revisit)
 
     assert np.median(grid.revisit) == pytest.approx(cadence_s / 60)
-    # the tapers of pulses are correlated with the median of channels: about one standard deviation, and never more
-    assert 0.7 < np.nanstd(match) < 1.15
+    # where pulses last for minutes, low in frequency, it shows most: without it 1.3 to 1.9 instead of one
+    assert 0.85 < np.nanstd(match[:, :20]) < 1.05
+    assert 0.85 < np.nanstd(match[:, 40:]) < 1.05
 
 
 def test_a_hole_in_a_slow_spectrum_stays_a_hole() -> None:

@@ -224,7 +224,7 @@ def test_psp_l2_with_one_dipole_says_so(tmp_path: Path) -> None:
     assert only(path).attrs["dipoles"] == "V3V4"
 
 
-def test_psp_l2_sums_only_what_was_read_at_the_same_time(tmp_path: Path) -> None:
+def test_psp_l2_doubles_what_one_dipole_read_alone(tmp_path: Path) -> None:
     utc, first = START + np.arange(20) * 56 * SECOND, values(20, 64, 1e-15)
     frequency_hz = np.geomspace(10.5e3, 1.69e6, 64)
     path = tmp_path / "psp_fld_l2_rfs_lfr_20200711_v03.cdf"
@@ -234,7 +234,8 @@ def test_psp_l2_sums_only_what_was_read_at_the_same_time(tmp_path: Path) -> None
 
     spectrum = only(path)
 
-    np.testing.assert_array_equal(spectrum["intensity"].notnull().all("frequency"), np.arange(20) % 2 == 0)
+    expected = np.where((np.arange(20) % 2 == 0)[:, None], first + 1e-15, 2 * first)
+    np.testing.assert_allclose(spectrum["intensity"], expected, rtol=1e-6)
 
 
 def test_wind_l2_reads_lists_of_channels_that_change(tmp_path: Path) -> None:
