@@ -75,7 +75,7 @@ def _float(name: str, unit: str, ucd: str, description: str) -> Column:
 
 BURST_ID = _text("burst_id", "meta.id", "Stable id of the burst.")
 SOLUTION_ID = _text("solution_id", "meta.id", "Id of the solution, which never changes.")
-OBSERVATORY = _text("observatory", "instr.obsty", "Spacecraft that received the burst.")
+OBSERVATORY = _text("observatory", "meta.id;instr.obsty", "Spacecraft that received the burst.")
 GRADE = _text("grade", "meta.code.qual", "A (best) to D (no single answer).")
 TIER = _text("tier", "meta.code.class", "final, or preliminary where two spacecraft received the burst.")
 F_LOW = _float("f_low_mhz", "MHz", "em.freq;stat.min", "Lowest frequency.")
@@ -113,7 +113,7 @@ BURSTS = Schema(
         _time("end_utc", "time.end", "End at the lowest frequency."),
         F_LOW,
         F_HIGH,
-        _text("observatories", "instr.obsty", "Spacecraft that received the burst, separated by blanks."),
+        _text("observatories", "meta.id;instr.obsty", "Spacecraft that received the burst, separated by blanks."),
         GRADE,
         TIER,
         *_PHI0,
@@ -148,9 +148,9 @@ _LOCALISATION = (
     _time("emission_utc", "time.epoch", "When the wave left the source."),
     _float("v_over_c", "", "phys.veloc;arith.ratio", "Propagation speed over the speed of light."),
     _float("v_over_c_sd", "", "stat.stdev;phys.veloc", "Its standard deviation."),
-    _float("contraction_x", "", "arith.ratio", "Posterior over prior width of x."),
-    _float("contraction_y", "", "arith.ratio", "Posterior over prior width of y."),
-    _float("contraction_v", "", "arith.ratio", "Posterior over prior width of the propagation speed."),
+    _float("contraction_x", "", "stat.error;arith.ratio", "Posterior over prior width of x."),
+    _float("contraction_y", "", "stat.error;arith.ratio", "Posterior over prior width of y."),
+    _float("contraction_v", "", "stat.error;arith.ratio", "Posterior over prior width of the propagation speed."),
     _float("log_evidence", "", "stat.likelihood", "Logarithm of the evidence of the channel."),
     _text("flags", "meta.code.qual", "Quality flags of the channel, separated by semicolons."),
 )
@@ -176,9 +176,9 @@ TRACKS = Schema(
         *_interval("beam_speed@c", "", "phys.veloc;arith.ratio", "Speed of the beam along the field line over c"),
         _time("release_utc", "time.epoch", "When the beam left the Sun: median."),
         _float("release_sd_s", "s", "stat.stdev;time", "Standard deviation of that time."),
-        _float("phi0_contraction", "", "arith.ratio", "Posterior over prior width of the longitude."),
-        _float("v_sw_contraction", "", "arith.ratio", "Posterior over prior width of the wind speed."),
-        _float("beam_speed_contraction", "", "arith.ratio", "Posterior over prior width of the beam speed."),
+        _float("phi0_contraction", "", "stat.error;arith.ratio", "Posterior over prior width of the longitude."),
+        _float("v_sw_contraction", "", "stat.error;arith.ratio", "Posterior over prior width of the wind speed."),
+        _float("beam_speed_contraction", "", "stat.error;arith.ratio", "Posterior over prior width of the beam speed."),
         _float("misfit_p", "", "stat.probability", "Probability of a larger misfit, before errors are widened."),
         _float("rotation_period_d", "d", "time.period.rotation", "Rotation period of the Sun that the fit rests on."),
         _text("flags", "meta.code.qual", "Quality flags of the track, separated by semicolons."),

@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 from astropy import units as u
 from astropy.io.votable import parse
+from astropy.io.votable.ucd import parse_ucd
 from astropy.table import QTable
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -128,7 +129,7 @@ def test_every_column_has_a_meaning_and_a_unit_that_its_name_carries(schema: Sch
     assert schema.time in schema.names
     for column in schema.columns:
         assert column.description.endswith("."), column.name
-        assert column.ucd, column.name
+        assert parse_ucd(column.ucd, check_controlled_vocabulary=True), column.name
         tail = next((unit for end, unit in tails.items() if column.name.endswith(end) and column.kind == "float"), "")
         assert column.unit in {tail, "dB"}, column.name
 
