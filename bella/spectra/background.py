@@ -138,7 +138,7 @@ def _levels(medians: FloatArray) -> FloatArray:
 
 def _quiet(intensity_db: FloatArray, levels: FloatArray, time: Instants) -> Background:
     """Quiet level of every record from those of the blocks."""
-    centres: FloatArray = (np.arange(len(levels)) + 0.5) * BLOCK_S
+    centres = np.asarray((np.arange(len(levels)) + 0.5) * BLOCK_S, dtype=np.float64)
     return _centred(intensity_db, _interpolated(levels, centres, _seconds(intensity_db, time)))
 
 
