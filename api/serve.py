@@ -53,6 +53,8 @@ class TimedProtocol(PhrasedProtocol):
         cycle = self.cycle
         if cycle is not None and not cycle.response_complete:
             self._wait("body" if cycle.more_body else "", BODY_S)
+        elif self.conn.their_state is h11.SEND_BODY:  # refused before its body had come
+            self._wait("body", BODY_S)
         elif self.conn.their_state is h11.IDLE and (cycle is None or self.conn.trailing_data[0]):
             self._wait("head", HEAD_S)
         else:

@@ -135,12 +135,12 @@ class DetectionRow(Base):
     score: Mapped[float] = mapped_column(Double)
     drift: Mapped[float] = mapped_column(Double)
     peak_db: Mapped[float] = mapped_column(Double)
-    flux_sfu_1au: Mapped[float] = mapped_column(Number, nullable=True)
     channels: Mapped[int]
     isolated: Mapped[bool]
     tier: Mapped[str]
     reason: Mapped[str]
     burst_id: Mapped[str]
+    flux_sfu_1au: Mapped[float] = mapped_column(Number, nullable=True)
 
 
 class BurstRow(Base):
