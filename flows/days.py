@@ -34,7 +34,7 @@ def _processed(days: Sequence[date], archive: str | None, choice: Choice, settin
     silent = [one for one in done.outcomes if one.answer is DayAnswer.ARCHIVE_SILENT]
     # of a mirror that somebody else fills, it is the filling that fails
     asked = done.outcomes if archive else [one for one in done.outcomes if one not in silent]
-    check_finished(asked, done.unreachable)
+    check_finished(asked, done.unreachable, is_asked_for=archive is not None)
     return list(done.outcomes)
 
 

@@ -17,7 +17,7 @@ from bella.bursts.association import (
     associate,
     association_table,
 )
-from bella.bursts.detection import GROUP, search
+from bella.bursts.detection import GROUP, Searched, search
 from bella.bursts.matched_filter import FREQUENCY_MHZ, THRESHOLDS
 from bella.bursts.timing import (
     HALF_RISE,
@@ -37,7 +37,7 @@ from bella.pipeline.directions import burst_directions
 from bella.pipeline.inputs import BurstInput, aware, origin_of
 from bella.pipeline.mirror import DayFiles, check_content
 from bella.records import Origin, burst_name, is_named_for
-from bella.spectra import by_observatory, open_spectra
+from bella.spectra import by_observatory_of_what_fits, open_spectra
 
 log = structlog.get_logger(__name__)
 
@@ -98,15 +98,21 @@ class FoundDay:
         That begin on the day.
     table : DataFrame
         Detection table of the day.
-    damaged : tuple of str
-        Files that could not be searched, and why.
+    left_out : tuple of str
+        Files that could not be read, and why.
+    not_searchable : tuple of str
+        Spacecraft whose spectra cannot be searched, and why.
+    searched : int
+        How many spectra could be searched.
     """
 
     files: DayFiles
     spectra: tuple[xr.Dataset, ...]
     bursts: tuple[FoundBurst, ...]
     table: pd.DataFrame
-    damaged: tuple[str, ...] = ()
+    left_out: tuple[str, ...] = ()
+    not_searchable: tuple[str, ...] = ()
+    searched: int = 0
 
     @property
     def observatories(self) -> tuple[str, ...]:
@@ -139,8 +145,8 @@ def search_day(files: DayFiles, known: Sequence[KnownBurst]) -> FoundDay:
     StoreError
         If the mirror cannot be read.
     """
-    spectra, damaged = day_spectra(files)
-    searched = [search(spectrum) for spectrum in spectra.values()]
+    spectra, left_out = day_spectra(files)
+    searched, not_searchable = _searched(spectra)
     midnight = pd.Timestamp(files.day)
     bursts = [one for one in associate(searched) if midnight <= one.start_utc < midnight + DAY]
     table = association_table(bursts, searched)
@@ -149,7 +155,21 @@ def search_day(files: DayFiles, known: Sequence[KnownBurst]) -> FoundDay:
     origin = origin_of(spectra.values())
     names = known_burst_ids([one for one in known if is_named_for(one[0], origin)], bursts, origin)
     found = tuple(_timed(files, one, names[one.burst_id]) for one in bursts)
-    return FoundDay(files, tuple(one.over for one in searched), found, kept, damaged)
+    number = sum(not one.not_searchable for one in searched)
+    return FoundDay(files, tuple(one.over for one in searched), found, kept, left_out, not_searchable, number)
+
+
+def _searched(spectra: Mapping[str, xr.Dataset]) -> tuple[list[Searched], tuple[str, ...]]:
+    """Spectra after the search, and the spacecraft whose spectra cannot be searched, each with its reason."""
+    found, reasons = [], {}
+    for name, spectrum in spectra.items():
+        try:
+            found.append(search(spectrum))
+        except InputError as error:  # one spectrum of a kind that is not known does not cost the day the others
+            reasons[name] = str(error)
+        else:
+            reasons[name] = found[-1].not_searchable
+    return found, tuple(f"{name}: {reason}" for name, reason in reasons.items() if reason)
 
 
 def _timed(files: DayFiles, burst: AssociatedBurst, burst_id: str) -> FoundBurst:
@@ -194,8 +214,8 @@ def day_spectra(files: DayFiles) -> tuple[dict[str, xr.Dataset], tuple[str, ...]
     -------
     spectra : dict of str to xarray.Dataset
         By observatory.
-    damaged : tuple of str
-        Files that are left out, each with its reason: one damaged file does not cost the day the others.
+    left_out : tuple of str
+        Files that are left out, each with its reason: one bad file does not cost the day the others.
 
     Raises
     ------
@@ -205,7 +225,7 @@ def day_spectra(files: DayFiles) -> tuple[dict[str, xr.Dataset], tuple[str, ...]
         If the mirror cannot be read.
     """
     found: list[xr.Dataset] = []
-    damaged = []
+    left_out = []
     for path, source in zip(files.paths, files.sources, strict=True):
         wrong = check_content(path, source)
         try:
@@ -214,17 +234,18 @@ def day_spectra(files: DayFiles) -> tuple[dict[str, xr.Dataset], tuple[str, ...]
             wrong = str(error)
         if wrong:
             log.warning("file left out", file=path.name, reason=wrong)
-            damaged.append(f"{path.name}: {wrong}")
+            left_out.append(wrong if path.name in wrong else f"{path.name}: {wrong}")
     if not found:
-        raise NoDataError(f"no file of {files.day} can be read ({'; '.join(damaged[:1])}): fetch them again")
+        raise NoDataError(f"no file of {files.day} can be read ({'; '.join(left_out[:1])}): fetch them again")
     midnight = np.datetime64(files.day, "ns")
     start, stop = midnight - BEFORE, midnight + np.timedelta64(1, "D") + AFTER
     parts = [part for one in found if (part := one.sel(time=slice(start, stop))).sizes["time"] > 1]
-    whole = by_observatory(parts) if parts else {}
+    whole, unfit = by_observatory_of_what_fits(parts)
     heard = {name: one for name, one in whole.items() if _reaches(one, midnight)}
     if not heard:
-        raise NoDataError(f"no file has a record of {files.day}: fetch the day again")
-    return heard, tuple(damaged)
+        said = f" ({'; '.join((*left_out, *unfit))})" if left_out or unfit else ""
+        raise NoDataError(f"no file has a record of {files.day} that can be searched{said}: fetch the day again")
+    return heard, (*left_out, *unfit)
 
 
 def _reaches(spectrum: xr.Dataset, midnight: np.datetime64) -> bool:

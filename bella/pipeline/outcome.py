@@ -13,6 +13,9 @@ NOTHING_NEW, SEARCHED, FAILED = "nothing new", "searched", "failed"
 UNANSWERED = (DayAnswer.ARCHIVE_SILENT, DayAnswer.NOT_SEARCHABLE)
 """Answers about a day that end a run as failed: they say that something has to be mended or asked again."""
 
+LEFT_OUT, NOT_SEARCHED = "left out: ", "not searchable: "
+"""Begin what the reason of a searched day says of its files, and of its spacecraft."""
+
 
 @dataclass(frozen=True)
 class DayOutcome:
@@ -50,6 +53,29 @@ class DayOutcome:
     refused: tuple[tuple[str, str], ...] = ()
     message: str = ""
 
+    @property
+    def is_whole(self) -> bool:
+        """Whether no file of the day was left out: also of one that an earlier run has searched."""
+        return LEFT_OUT not in self.message
+
+
+def remarks(left_out: Sequence[str], not_searchable: Sequence[str]) -> str:
+    """What the reason of a day says of files that were left out and spacecraft that could not be searched.
+
+    Parameters
+    ----------
+    left_out, not_searchable : sequence of str
+        Names, each with its reason.
+
+    Returns
+    -------
+    str
+        Empty where there are none.
+    """
+    said = [f"{LEFT_OUT}{'; '.join(left_out)}"] if left_out else []
+    said += [f"{NOT_SEARCHED}{'; '.join(not_searchable)}"] if not_searchable else []
+    return "; ".join(said)
+
 
 class UnfinishedError(BellaError):
     """Days that failed, could not be searched, or that the archive did not answer for.
@@ -68,7 +94,9 @@ class UnfinishedError(BellaError):
         return UnfinishedError, (str(self), self.outcomes)
 
 
-def check_finished(outcomes: Sequence[DayOutcome], unreachable: Sequence[str] = ()) -> None:
+def check_finished(
+    outcomes: Sequence[DayOutcome], unreachable: Sequence[str] = (), *, is_asked_for: bool = True
+) -> None:
     """Refuse to call a run done that is not.
 
     Parameters
@@ -76,6 +104,9 @@ def check_finished(outcomes: Sequence[DayOutcome], unreachable: Sequence[str] = 
     outcomes : sequence of DayOutcome
     unreachable : sequence of str
         Data sets that the archive did not answer for, each with the reason.
+    is_asked_for : bool
+        Whether somebody waits for these days: then one that was searched without some of its files is not done; on a
+        schedule it is, until other files come.
 
     Raises
     ------
@@ -88,6 +119,11 @@ def check_finished(outcomes: Sequence[DayOutcome], unreachable: Sequence[str] = 
         said = first.message or f"{first.answer}"
         word = "days are" if len(open_days) > 1 else "day is"
         raise UnfinishedError(f"{len(open_days)} of {len(outcomes)} {word} not done: {first.day} {said}", outcomes)
+    parts = [one for one in outcomes if not one.is_whole]
+    if is_asked_for and parts:
+        word = "days were" if len(parts) > 1 else "day was"
+        said = f"{parts[0].day} {parts[0].message}"
+        raise UnfinishedError(f"{len(parts)} of {len(outcomes)} {word} searched without some files: {said}", outcomes)
     if unreachable:
         number = f"{len(unreachable)} data sets" if len(unreachable) > 1 else "a data set"
         raise UnfinishedError(f"{number} could not be asked for, run it again later: {unreachable[0]}", outcomes)

@@ -34,7 +34,7 @@ from bella.pipeline.draw import draw_day, redraw_day
 from bella.pipeline.inputs import load_burst
 from bella.pipeline.mirror import DayFiles, Mirror, fetch_range
 from bella.pipeline.observability import observed_day
-from bella.pipeline.outcome import FAILED, NOTHING_NEW, SEARCHED, DayOutcome
+from bella.pipeline.outcome import FAILED, NOTHING_NEW, SEARCHED, DayOutcome, remarks
 from bella.pipeline.progress import counter
 from bella.pipeline.workers import Workers
 from bella.records import REAL_ORIGINS, DayAnswer, Origin
@@ -303,6 +303,10 @@ def _outcome_of(found: FoundDay, bursts: dict[str, BurstOutcome]) -> DayOutcome:
     reasons = {one.burst_id: _reason(one, bursts.get(one.burst_id)) for one in found.bursts}
     final = tuple(each for one in bursts.values() if one.is_final for each in one.outcomes)
     preliminary = tuple(each for one in bursts.values() if not one.is_final for each in one.outcomes)
+    message = remarks(found.left_out, found.not_searchable)
+    if not found.searched:
+        day = found.files.day
+        return DayOutcome(day, NOT_SEARCHABLE.value, NOT_SEARCHABLE, found.observatories, message=message)
     nothing = DayAnswer.NOT_LOCALISABLE if found.bursts else DayAnswer.NO_BURST
     return DayOutcome(
         found.files.day,
@@ -314,7 +318,7 @@ def _outcome_of(found: FoundDay, bursts: dict[str, BurstOutcome]) -> DayOutcome:
         final,
         preliminary,
         tuple((name, reason) for name, reason in reasons.items() if reason),
-        f"left out: {'; '.join(found.damaged)}" if found.damaged else "",
+        message,
     )
 
 

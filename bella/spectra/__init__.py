@@ -2,7 +2,7 @@
 
 from bella.spectra.background import Background, decibels, over_background, quiet_level
 from bella.spectra.cf_files import event_spectra, from_radiospectra, to_radiospectra
-from bella.spectra.combination import by_observatory, combine_receivers, join_days
+from bella.spectra.combination import by_observatory, by_observatory_of_what_fits, combine_receivers, join_days
 from bella.spectra.dynamic_spectrum import (
     QUANTITIES,
     integration_times_s,
@@ -27,6 +27,7 @@ __all__ = [
     "UserDay",
     "UserFolder",
     "by_observatory",
+    "by_observatory_of_what_fits",
     "combine_receivers",
     "decibels",
     "event_spectra",

@@ -8,7 +8,7 @@ import numpy as np
 import numpy.typing as npt
 import xarray as xr
 
-from bella.exceptions import InputError
+from bella.exceptions import BellaError, InputError
 from bella.records import Origin
 from bella.spectra.assembly import cadence_s, label, nearest_records
 from bella.spectra.dynamic_spectrum import POSITION, integration_times_s, sample_times, validate_spectrum
@@ -139,6 +139,39 @@ def by_observatory(spectra: Iterable[xr.Dataset]) -> dict[str, xr.Dataset]:
         if name not in best or _rank(spectrum) < _rank(best[name]):
             best[name] = spectrum
     return best
+
+
+def by_observatory_of_what_fits(spectra: Sequence[xr.Dataset]) -> tuple[dict[str, xr.Dataset], tuple[str, ...]]:
+    """As :func:`by_observatory`, without the spectra that cannot be joined with those before them.
+
+    Parameters
+    ----------
+    spectra : sequence of xarray.Dataset
+        Dynamic spectra of any spacecraft, receivers and days.
+
+    Returns
+    -------
+    spectra : dict of str to xarray.Dataset
+        By observatory; empty where none is left.
+    left_out : tuple of str
+        Files that are left out, each with its reason.
+    """
+    joined: dict[str, xr.Dataset] = {}
+    left_out = []
+    wanted = [one for one in spectra if (one.attrs["observatory"], one.attrs["receiver"]) not in LEFT_OUT]
+    for name in dict.fromkeys(str(one.attrs["observatory"]) for one in wanted):
+        own = [one for one in wanted if one.attrs["observatory"] == name]
+        try:
+            joined |= by_observatory(own)
+        except BellaError:
+            kept: list[xr.Dataset] = []
+            for one in own:
+                try:
+                    joined |= by_observatory([*kept, one])
+                    kept.append(one)
+                except BellaError as error:
+                    left_out.append(f"{', '.join(np.atleast_1d(one.attrs['source_files']))}: {error}")
+    return joined, tuple(left_out)
 
 
 def _rank(spectrum: xr.Dataset) -> tuple[float, int]:
