@@ -166,7 +166,9 @@ def _wanted(keys: list[str], days: list[date]) -> "list[Dataset]":
 
 
 def _fail_if_unreachable(outcomes: "list[DayInMirror]") -> None:
-    down = [outcome for outcome in outcomes if outcome.state == "unreachable"]
+    from bella.archive import UNANSWERED
+
+    down = [outcome for outcome in outcomes if outcome.state in UNANSWERED]
     if down:
         raise UnreachableError(f"{len(down)} of {len(outcomes)} not fetched, run it again later: {down[0].message}")
 

@@ -72,7 +72,7 @@ def test_all_data_sets_of_the_day_by_default(tmp_path: Path, archive: Path) -> N
     result = fetch(tmp_path, *DAY, "--archive", archive, "--json")
     states = {row["dataset"]: row["state"] for row in json.loads(result.stdout)}
     assert states["STEREO_LEVEL2_SWAVES"] == "fetched"
-    assert states["STB_L3_WAV_HFR"] == "unreachable"
+    assert states["STB_L3_WAV_HFR"] == "no_folder"
     assert not any(key.startswith(("PSP", "SOLO")) for key in states)
     assert result.exit_code == 1
     assert isinstance(result.exception, UnreachableError)

@@ -3,11 +3,12 @@
 from bella.archive.datasets import COMPANIONS, DATASETS, Dataset, find_datasets
 from bella.archive.download import FileVersion, MirrorFile, Received, received, set_aside, versions
 from bella.archive.manners import Manners
-from bella.archive.mirror import Archive, DayFiles, DayInMirror, fetch_days, open_archive
+from bella.archive.mirror import UNANSWERED, Archive, DayFiles, DayInMirror, fetch_days, open_archive, unanswered
 
 __all__ = [
     "COMPANIONS",
     "DATASETS",
+    "UNANSWERED",
     "Archive",
     "Dataset",
     "DayFiles",
@@ -21,5 +22,6 @@ __all__ = [
     "open_archive",
     "received",
     "set_aside",
+    "unanswered",
     "versions",
 ]

@@ -17,7 +17,9 @@ from bella.archive.manners import Manners
 from bella.archive.sources import FolderSource, Source, open_source
 from bella.exceptions import UnreachableError
 
-DayState = Literal["fetched", "unchanged", "replaced", "no_file_yet", "not_covered", "unreachable"]
+DayState = Literal["fetched", "unchanged", "replaced", "no_file_yet", "not_covered", "unreachable", "no_folder"]
+UNANSWERED: frozenset[DayState] = frozenset({"unreachable", "no_folder"})
+"""States that say nothing of a day, so that it has to be asked for again."""
 
 
 class NoFolderError(UnreachableError):
@@ -56,7 +58,8 @@ class DayInMirror:
         The day.
     state : str
         ``fetched``, ``unchanged`` or ``replaced``: the files are in the mirror. ``no_file_yet``: the archive has none.
-        ``not_covered``: the data set has ended, or begins later. ``unreachable``: not known, ask again.
+        ``not_covered``: the data set has ended, or begins later. ``unreachable``: not known, ask again. ``no_folder``:
+        the archive answers, and has none of the folders of the data set; not known either.
     files : tuple of MirrorFile
         Files in the mirror, that of the day first; none from :meth:`Archive.renew` where nothing had to be asked.
     due : datetime.date or None
@@ -141,7 +144,7 @@ class Archive:
         Returns
         -------
         DayInMirror
-            Never in state ``unreachable``.
+            Never in a state of `UNANSWERED`.
 
         Raises
         ------
@@ -176,7 +179,7 @@ class Archive:
         Returns
         -------
         DayInMirror
-            Never in state ``unreachable``.
+            Never in a state of `UNANSWERED`.
 
         Raises
         ------
@@ -235,6 +238,24 @@ class Archive:
         if isinstance(known, UnreachableError):
             raise known
         return known
+
+
+def unanswered(dataset: Dataset, day: date, error: UnreachableError) -> DayInMirror:
+    """What became of a day of a data set where asking for it raised an error.
+
+    Parameters
+    ----------
+    dataset : Dataset
+    day : datetime.date
+    error : UnreachableError
+
+    Returns
+    -------
+    DayInMirror
+        In state ``unreachable``, or ``no_folder`` where the archive did answer.
+    """
+    state: DayState = "no_folder" if isinstance(error, NoFolderError) else "unreachable"
+    return DayInMirror(dataset, day, state, due=dataset.due(day), message=str(error))
 
 
 def open_archive(
@@ -305,6 +326,6 @@ def fetch_days(
             try:
                 outcome = archive.fetch(dataset, day, mirror)
             except UnreachableError as error:
-                outcome = DayInMirror(dataset, day, "unreachable", due=dataset.due(day), message=str(error))
+                outcome = unanswered(dataset, day, error)
             advance()
             yield outcome

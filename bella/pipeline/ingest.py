@@ -16,7 +16,7 @@ from types import FrameType
 import numpy as np
 import structlog
 
-from bella.archive import COMPANIONS, DATASETS, Archive, Dataset, DayInMirror, open_archive
+from bella.archive import COMPANIONS, DATASETS, UNANSWERED, Archive, Dataset, DayInMirror, open_archive, unanswered
 from bella.catalogue import Catalogue, Freshness
 from bella.exceptions import BellaError, NoDataError, UnreachableError
 from bella.pipeline.mirror import remember_answers
@@ -169,17 +169,17 @@ def _opened(root: str, settings: Settings, now: datetime) -> Archive:
 
 def _renewed(archive: Archive, dataset: Dataset, feed: Feed, today: date, beat: Beat) -> Iterator[DayInMirror]:
     """Answers about the days of a data set, the newest first; those after a silence were not asked for."""
-    silent = ""
+    silent: UnreachableError | None = None
     for day in _days(dataset, feed.first, today):
-        if silent:
-            yield DayInMirror(dataset, day, "unreachable", due=dataset.due(day), message=silent)
+        if silent is not None:
+            yield unanswered(dataset, day, silent)
             continue
         try:
             yield archive.renew(dataset, day, feed.target)
         except UnreachableError as error:
-            silent = str(error)
-            log.warning("not fetched", dataset=dataset.key, reason=silent)
-            yield DayInMirror(dataset, day, "unreachable", due=dataset.due(day), message=silent)
+            silent = error
+            log.warning("not fetched", dataset=dataset.key, reason=str(error))
+            yield unanswered(dataset, day, error)
         beat()
 
 
@@ -197,7 +197,7 @@ def _freshness(
     held = [one.day for one in answers if one.state in {"fetched", "replaced", "unchanged"}]
     newest = max([*held, *([before.newest_day] if before and before.newest_day else [])], default=None)
     expected = now.date() - (dataset.latency_d + 1) * DAY
-    silence = next((one.message for one in answers if one.state == "unreachable"), "")
+    silence = next((one.message for one in answers if one.state in UNANSWERED), "")
     one = Freshness(
         dataset.key,
         dataset.kind,

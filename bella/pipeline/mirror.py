@@ -87,16 +87,11 @@ def fetch_range(days: Sequence[date], archive: str, settings: Settings) -> tuple
         outcomes = list(fetch_days(opened, datasets, wanted, settings.mirror_root, lambda: advance(1)))
     except InputError as error:
         raise StoreError(str(error)) from error
-    silent = {one.dataset.key: one.message for one in outcomes if _answer_of(one) == UNREACHABLE}
+    silent = {one.dataset.key: one.message for one in outcomes if one.state == UNREACHABLE}
     for key, reason in silent.items():
         log.warning("not fetched", dataset=key, reason=reason)
     remember_answers(outcomes, settings.mirror_root)
     return tuple(f"{key}: {reason}" for key, reason in silent.items())
-
-
-def _answer_of(outcome: DayInMirror) -> str:
-    has_no_folder = outcome.message.startswith("the archive has no folder")
-    return NO_FOLDER if outcome.state == UNREACHABLE and has_no_folder else outcome.state
 
 
 def remember_answers(outcomes: Iterable[DayInMirror], mirror: Path) -> None:
@@ -114,7 +109,7 @@ def remember_answers(outcomes: Iterable[DayInMirror], mirror: Path) -> None:
     """
     by_day: dict[date, dict[str, str]] = {}
     for one in outcomes:
-        by_day.setdefault(one.day, {})[one.dataset.key] = _answer_of(one)
+        by_day.setdefault(one.day, {})[one.dataset.key] = one.state
     try:
         (mirror / ANSWERS).mkdir(parents=True, exist_ok=True)
         for day, states in by_day.items():
