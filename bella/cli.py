@@ -10,6 +10,10 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 from rich.console import Console
 
+from bella.threads import ONE_THREAD
+
+os.environ.update({**ONE_THREAD, **os.environ})  # before anything loads numpy
+
 from bella.cli_arrivals import EPILOG as ARRIVALS_EPILOG
 from bella.cli_arrivals import arrivals
 from bella.cli_calibration import EPILOG as CALIBRATE_EPILOG

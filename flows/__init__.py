@@ -2,3 +2,9 @@
 
 Nothing of Prefect is imported before :func:`bella.pipeline.environment.prepare` has told it where to live.
 """
+
+import os
+
+from bella.threads import ONE_THREAD
+
+os.environ.update({**ONE_THREAD, **os.environ})  # before anything loads numpy

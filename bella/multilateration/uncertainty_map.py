@@ -26,6 +26,7 @@ from bella.multilateration.likelihood import slope_and_information
 from bella.multilateration.posterior import moments_of
 from bella.multilateration.priors import CADENCE_S, THRESHOLDS, Priors
 from bella.multilateration.problems import BLOCK, problems_of
+from bella.threads import ONE_THREAD
 from bella.units import C_RSUN_S, FloatArray
 
 MAP_TOLERANCE = 1.4
@@ -38,8 +39,6 @@ NODES_PER_TASK = 100
 """Nodes handed to a process at a time; also the step of the progress."""
 NODES_WORTH_A_POOL = 4000
 """Below this, starting processes takes longer than they save."""
-ONE_THREAD = {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1", "MKL_NUM_THREADS": "1"}
-"""Environment of the processes: each is one core's work."""
 
 SIZES = (2, 2000)
 """Fewest and most nodes per axis."""

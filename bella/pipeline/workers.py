@@ -18,6 +18,7 @@ from bella.exceptions import WorkerLostError
 from bella.logs import log_to
 from bella.pipeline.environment import prepare
 from bella.settings import Settings
+from bella.threads import ONE_THREAD
 
 T = TypeVar("T")
 ORPHANED = 3
@@ -74,6 +75,7 @@ class Workers:
     def _started(self) -> Iterator[ProcessPoolExecutor]:
         with self._turn:
             if self._pool is None:
+                os.environ.update({**ONE_THREAD, **os.environ})  # the processes that are started have it too
                 context = multiprocessing.get_context("spawn")
                 self._pool = ProcessPoolExecutor(
                     self.number, mp_context=context, initializer=_begin, initargs=self._given

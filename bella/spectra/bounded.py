@@ -23,6 +23,7 @@ from typing import Any
 import numpy as np
 
 from bella.exceptions import BellaError, InputError
+from bella.threads import ONE_THREAD
 
 SCRIPT = Path(__file__).with_name("reader_process.py")
 LEAST_CPU_S, CPU_S_PER_MB = 5, 1.0
@@ -124,7 +125,7 @@ class ReaderProcess:
                 stdin=subprocess.PIPE,
                 stdout=subprocess.PIPE,
                 stderr=subprocess.DEVNULL,
-                env={**os.environ, "OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1"},
+                env={**os.environ, **ONE_THREAD},
             )
         return self._process
 

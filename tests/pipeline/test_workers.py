@@ -71,3 +71,29 @@ def test_workers_end_with_the_process_that_started_them(tmp_path: Path) -> None:
     while worker.is_dir() and "State:\tZ" not in (worker / "status").read_text():
         assert time.monotonic() < until
         time.sleep(0.1)
+
+
+WATCH = """
+import os, sys
+class Watch:
+    def find_spec(name, *_):
+        if name == "numpy":
+            print(os.environ.get("OPENBLAS_NUM_THREADS"), os.environ.get("OMP_NUM_THREADS"))
+sys.meta_path.insert(0, Watch)
+import {module}
+"""
+
+
+@pytest.mark.parametrize("module", ["bella.cli", "flows.days"])
+def test_linear_algebra_has_one_thread_before_it_is_loaded_unless_an_operator_says_otherwise(module: str) -> None:
+    kept = {name: value for name, value in os.environ.items() if not name.endswith("_NUM_THREADS")}
+    for more, said in (({}, "1 1"), ({"OMP_NUM_THREADS": "4"}, "1 4")):
+        code = [sys.executable, "-c", WATCH.format(module=module)]
+        done = subprocess.run(code, env=kept | more, capture_output=True, text=True, check=True)
+        assert done.stdout.split("\n")[0] == said
+
+
+def test_processes_have_one_thread_whoever_starts_them(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.delenv("OMP_NUM_THREADS", raising=False)
+    with Workers(2, Settings(home=tmp_path)) as workers:
+        assert workers.call(os.getenv, "OMP_NUM_THREADS") == "1"
