@@ -39,7 +39,7 @@ from bella.cli_fit_track import fit_track
 from bella.cli_output import write_whole
 from bella.cli_prune import EPILOG as PRUNE_EPILOG
 from bella.cli_prune import prune
-from bella.cli_run import Asked, pipeline, progress_bars, run_days, run_event
+from bella.cli_run import Asked, pipeline, progress_bars, run_days, run_event, run_folder
 from bella.cli_simulate import EPILOG as SIMULATE_EPILOG
 from bella.cli_simulate import simulate
 from bella.cli_spectra import EPILOG as FORMATS_EPILOG
@@ -99,6 +99,10 @@ def run(  # noqa: PLR0913, PLR0917 - one argument per option
     archive: Annotated[
         str | None, typer.Option(help="URL, or folder, below which pub/data is.", show_default="BELLA_ARCHIVE")
     ] = None,
+    spectra: Annotated[
+        Path | None,
+        typer.Option(help="Folder of your own spectra, netCDF or Zarr, one file per spacecraft; all days it holds."),
+    ] = None,
     preset: PresetName = "default",
     method: MethodName = "posterior",
     workers: Annotated[
@@ -108,10 +112,19 @@ def run(  # noqa: PLR0913, PLR0917 - one argument per option
     home: Home = None,
     as_json: AsJson = False,
 ) -> None:
-    """Run the whole pipeline: on the built-in burst, or on days of the archive from spectra to sources."""
+    """Run the whole pipeline: on the built-in burst, or from spectra to sources on days of the archive or your own."""
     if workers is not None:
         os.environ["BELLA_WORKERS"] = str(workers)
     settings = settings_of(home)
+    if spectra is not None:
+        if archive is not None:
+            raise InputError("--spectra and --archive are two sources of days: give one of them")
+        begin, end = (None, None) if first is None else day_range(first, last or first)
+        if first is None and last is not None:
+            raise InputError("--to needs a first day: give --from too, or neither for all days of the folder")
+        with pipeline(settings, preset, "posterior") as bar:
+            run_folder(spectra, (begin, end), settings, Asked(preset, direct=direct, as_json=as_json), bar)
+        return
     if first is None and (last or archive) is not None:
         raise InputError("days of the archive need a first one: give --from 2020-07-21")
     if first is not None:

@@ -1,10 +1,11 @@
 """What ``bella run`` does and prints: days of the archive, or one burst, under Prefect or without it."""
 
 import json
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import closing, contextmanager
 from dataclasses import dataclass
 from datetime import date
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from rich.box import SIMPLE_HEAD
@@ -18,6 +19,7 @@ from bella.logs import log_to
 if TYPE_CHECKING:
     from bella.pipeline.burst import Choice, Outcome
     from bella.pipeline.outcome import DayOutcome
+    from bella.pipeline.user import BroughtFolder
     from bella.settings import Settings
 
 MOST_REFUSALS = 3
@@ -85,6 +87,35 @@ def pipeline(settings: "Settings", preset: str, method: str, event: str | None =
         yield bar
 
 
+def run_folder(
+    folder: Path, days: "tuple[date | None, date | None]", settings: "Settings", asked: Asked, bar: Progress
+) -> None:
+    """Process days of a folder of spectra and print what became of them.
+
+    Parameters
+    ----------
+    folder : Path
+    days : tuple of (datetime.date or None)
+        First and last; None for all that the folder has.
+    settings : Settings
+    asked : Asked
+    bar : rich.progress.Progress
+        Is ended before anything is printed.
+
+    Raises
+    ------
+    UnfinishedError
+        After printing, if a day is not done, or a file was left out.
+    """
+    from bella.pipeline.user import BroughtFolder
+
+    brought = BroughtFolder(folder, settings)
+    wanted = brought.days(*days)
+    for one in brought.left_out:
+        err.print(f"Left out: {one}", soft_wrap=True, highlight=False)
+    _print_done(lambda: _folder_done(wanted, brought, settings, asked, bar), asked, bar)
+
+
 def run_days(days: tuple[date, date], archive: str, settings: "Settings", asked: Asked, bar: Progress) -> None:
     """Process days and print what became of them.
 
@@ -103,11 +134,15 @@ def run_days(days: tuple[date, date], archive: str, settings: "Settings", asked:
     UnfinishedError
         After printing, if a day is not done.
     """
+    _print_done(lambda: _days_done(days, archive, settings, asked, bar), asked, bar)
+
+
+def _print_done(process: "Callable[[], Sequence[DayOutcome]]", asked: Asked, bar: Progress) -> None:
     from bella.pipeline.outcome import UnfinishedError
 
     unfinished = None
     try:
-        outcomes = _days_done(days, archive, settings, asked, bar)
+        outcomes = process()
     except UnfinishedError as error:
         outcomes, unfinished = error.outcomes, error
     bar.stop()
@@ -116,22 +151,45 @@ def run_days(days: tuple[date, date], archive: str, settings: "Settings", asked:
         raise unfinished
 
 
+def _folder_done(
+    days: "Sequence[date]", brought: "BroughtFolder", settings: "Settings", asked: Asked, bar: Progress
+) -> "Sequence[DayOutcome]":
+    if not asked.direct:
+        with _prefect(bar):
+            from flows.days import process_folder
+
+            return process_folder(days, brought, asked.choice)
+    return _directly(days, None, settings, asked, brought)
+
+
 def _days_done(
     days: tuple[date, date], archive: str, settings: "Settings", asked: Asked, bar: Progress
 ) -> "Sequence[DayOutcome]":
-    from bella.pipeline.outcome import check_finished
-    from bella.pipeline.run import Direct, Run, days_between, process_days
-    from bella.pipeline.workers import Workers
+    from bella.pipeline.run import days_between
 
     if not asked.direct:
         with _prefect(bar):
             from flows.days import process_range
 
             return process_range(*days, archive, asked.choice)
+    return _directly(days_between(*days), archive, settings, asked)
+
+
+def _directly(
+    days: "Sequence[date]",
+    archive: str | None,
+    settings: "Settings",
+    asked: Asked,
+    brought: "BroughtFolder | None" = None,
+) -> "Sequence[DayOutcome]":
+    from bella.pipeline.outcome import check_finished
+    from bella.pipeline.run import Direct, Run, process_days
+    from bella.pipeline.workers import Workers
+
     log = settings.home / "logs" / "bella.log"
     with Workers(settings.workers, settings, log) as workers, Direct(settings.workers) as executor:
-        done = process_days(days_between(*days), archive, Run(settings, DIRECT, workers, asked.choice), executor)
-    check_finished(done.outcomes, done.unreachable)
+        done = process_days(days, archive, Run(settings, DIRECT, workers, asked.choice), executor, brought)
+    check_finished(done.outcomes, done.unreachable, done.left_out)
     return done.outcomes
 
 

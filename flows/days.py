@@ -13,6 +13,7 @@ from bella.logs import log_to
 from bella.pipeline.burst import Choice
 from bella.pipeline.outcome import DayOutcome, check_finished, summary_rows
 from bella.pipeline.run import Run, days_between, process_days
+from bella.pipeline.user import BroughtFolder
 from bella.pipeline.workers import Workers
 from bella.records import DayAnswer
 from bella.settings import Settings, read_settings
@@ -24,17 +25,24 @@ def side_by_side() -> TaskRunner[PrefectFuture[Any]]:
     return cast("TaskRunner[PrefectFuture[Any]]", ThreadPoolTaskRunner(max_workers=read_settings().workers))
 
 
-def _processed(days: Sequence[date], archive: str | None, choice: Choice, settings: Settings) -> list[DayOutcome]:
+def _processed(
+    days: Sequence[date],
+    archive: str | None,
+    choice: Choice,
+    settings: Settings,
+    brought: BroughtFolder | None = None,
+) -> list[DayOutcome]:
     """Outcomes of days; a run with a day that is not done ends as failed."""
-    log = settings.home / "logs" / "bella.log" if archive else None
+    is_asked_for = archive is not None or brought is not None
+    log = settings.home / "logs" / "bella.log" if is_asked_for else None
     with Workers(settings.workers, settings, log) as workers:
-        done = process_days(days, archive, Run(settings, run_name(), workers, choice), Tasks())
+        done = process_days(days, archive, Run(settings, run_name(), workers, choice), Tasks(), brought)
     rows = [row | {"answers": ""} for row in summary_rows(done.outcomes)]
     create_table_artifact(key="days", table=rows)
     silent = [one for one in done.outcomes if one.answer is DayAnswer.ARCHIVE_SILENT]
     # of a mirror that somebody else fills, it is the filling that fails
-    asked = done.outcomes if archive else [one for one in done.outcomes if one not in silent]
-    check_finished(asked, done.unreachable, is_asked_for=archive is not None)
+    asked = done.outcomes if is_asked_for else [one for one in done.outcomes if one not in silent]
+    check_finished(asked, done.unreachable, done.left_out, is_asked_for=is_asked_for)
     return list(done.outcomes)
 
 
@@ -61,6 +69,30 @@ def process_range(first: date, last: date, archive: str, choice: Choice) -> list
         If a day failed, could not be searched, or the archive did not answer; it holds the outcomes too.
     """
     return _processed(days_between(first, last), archive, choice, Settings())
+
+
+@flow(name="process-folder", validate_parameters=False, task_runner=side_by_side())
+def process_folder(days: Sequence[date], brought: BroughtFolder, choice: Choice) -> list[DayOutcome]:
+    """Process days of spectra that a user has brought.
+
+    Parameters
+    ----------
+    days : sequence of datetime.date
+        With records, in order.
+    brought : BroughtFolder
+    choice : Choice
+
+    Returns
+    -------
+    list of DayOutcome
+        In order.
+
+    Raises
+    ------
+    UnfinishedError
+        If a day failed, could not be searched, or a file was left out; it holds the outcomes too.
+    """
+    return _processed(days, None, choice, Settings(), brought)
 
 
 @flow(name="days", task_runner=side_by_side())

@@ -25,6 +25,7 @@ from bella.bursts.matched_filter import BEAM_SPEEDS_C, FREQUENCY_MHZ, STEP_S, TH
 from bella.exceptions import InputError, NoDataError
 from bella.flags import CATALOGUED, LOCALISABLE
 from bella.spacecraft import position_hee
+from bella.spectra import receiver_position
 from bella.units import C_RSUN_S, FloatArray
 
 SLOWEST = 0
@@ -125,7 +126,7 @@ def _named(bursts: Sequence[AssociatedBurst]) -> list[AssociatedBurst]:
 
 
 def has_position(searched: Searched) -> bool:
-    """Whether the ephemeris knows where the spacecraft of a spectrum was: others cannot be compared.
+    """Whether it is known where the spacecraft of a spectrum was: others cannot be compared.
 
     Parameters
     ----------
@@ -136,7 +137,25 @@ def has_position(searched: Searched) -> bool:
     bool
     """
     try:
-        _position_rsun(searched.observatory, searched.grid.start)
+        _position_rsun(searched)
+    except NoDataError:
+        return False
+    return True
+
+
+def in_ephemeris(searched: Searched) -> bool:
+    """Whether the ephemeris knows where the spacecraft of a spectrum was; if not, its file may.
+
+    Parameters
+    ----------
+    searched : Searched
+
+    Returns
+    -------
+    bool
+    """
+    try:
+        position_hee(searched.observatory, [searched.grid.start], searched.grid.start)
     except (InputError, NoDataError):
         return False
     return True
@@ -200,21 +219,26 @@ def _may_be_same(other: Searched, one: Candidate, member: Member) -> bool:
     channel = int(both[-1]) if both.size else int(np.flatnonzero(one.hit | member.candidate.hit)[0])
     apart_s = (other.grid.start - member.searched.grid.start) / np.timedelta64(1, "s")
     apart_s += STEP_S * float(onset_records(one)[channel] - onset_records(member.candidate)[channel])
-    return bool(abs(apart_s) <= _window_s(other.observatory, member.searched.observatory, other.grid.start))
+    return bool(abs(apart_s) <= _window_s(other, member.searched))
 
 
-def _window_s(first: str, second: str, utc: np.datetime64) -> float:
-    apart_rsun = np.linalg.norm(_position_rsun(first, utc) - _position_rsun(second, utc))
+def _window_s(first: Searched, second: Searched) -> float:
+    apart_rsun = np.linalg.norm(_position_rsun(first) - _position_rsun(second))
     return float(apart_rsun / C_RSUN_S) + THRESHOLDS.slack_s
 
 
-def _position_rsun(observatory: str, utc: np.datetime64) -> FloatArray:
-    return np.asarray(position_hee(observatory, np.array([utc]), utc)[0])
+def _position_rsun(searched: Searched) -> FloatArray:
+    """Where the spacecraft of a spectrum was when that begins; of one the ephemeris does not know, as its file says."""
+    utc = searched.grid.start
+    if in_ephemeris(searched):
+        return np.asarray(position_hee(searched.observatory, [utc], utc)[0])
+    time = searched.over["time"].to_numpy()
+    return receiver_position(searched.over, time[time.size // 2]).position_rsun
 
 
 def _seeded(other: Searched, member: Member) -> list[Candidate]:
     """The best of what the filter shows in the window of a burst that another spacecraft heard."""
-    window_s = _window_s(other.observatory, member.searched.observatory, other.grid.start)
+    window_s = _window_s(other, member.searched)
     before_s = (other.grid.start - member.searched.grid.start) / np.timedelta64(1, "s")
     centre = member.candidate.record - before_s / STEP_S
     reach = window_s / STEP_S
@@ -247,8 +271,7 @@ def _why_not_localisable(members: Sequence[Member]) -> str:
         return f"not localisable: too few channels below {THRESHOLDS.low_mhz:g} MHz in common"
     if np.median([member.candidate.drift for member in alone]) <= SLOWEST:
         return "not localisable: drifts too slowly for a beam"
-    utc = members[0].searched.grid.start
-    where = np.array([_position_rsun(one.searched.observatory, utc) for one in alone])
+    where = np.array([_position_rsun(one.searched) for one in alone])
     if _spread_rsun(where) < THRESHOLDS.spread_rsun:
         return "not localisable: spacecraft on a line"
     return ""

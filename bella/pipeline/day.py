@@ -10,12 +10,14 @@ import structlog
 import xarray as xr
 
 from bella.archive import received
+from bella.arrivals import POSITION
 from bella.bursts.association import (
     SLOWEST,
     AssociatedBurst,
     Member,
     associate,
     association_table,
+    in_ephemeris,
 )
 from bella.bursts.detection import GROUP, Searched, search
 from bella.bursts.matched_filter import FREQUENCY_MHZ, THRESHOLDS
@@ -37,7 +39,7 @@ from bella.pipeline.directions import burst_directions
 from bella.pipeline.inputs import BurstInput, aware, origin_of
 from bella.pipeline.mirror import DayFiles, check_content
 from bella.records import Origin, burst_name, is_named_for
-from bella.spectra import by_observatory_of_what_fits, open_spectra
+from bella.spectra import UserFolder, by_observatory_of_what_fits, open_spectra, receiver_position
 
 log = structlog.get_logger(__name__)
 
@@ -224,6 +226,8 @@ def day_spectra(files: DayFiles) -> tuple[dict[str, xr.Dataset], tuple[str, ...]
     StoreError
         If the mirror cannot be read.
     """
+    if files.folder is not None:
+        return _brought_spectra(files.day, files.folder)
     found: list[xr.Dataset] = []
     left_out = []
     for path, source in zip(files.paths, files.sources, strict=True):
@@ -246,6 +250,14 @@ def day_spectra(files: DayFiles) -> tuple[dict[str, xr.Dataset], tuple[str, ...]
         said = f" ({'; '.join((*left_out, *unfit))})" if left_out or unfit else ""
         raise NoDataError(f"no file has a record of {files.day} that can be searched{said}: fetch the day again")
     return heard, (*left_out, *unfit)
+
+
+def _brought_spectra(day: date, folder: UserFolder) -> tuple[dict[str, xr.Dataset], tuple[str, ...]]:
+    read = folder.read(day)
+    left_out = [one.removeprefix("left out: ").removeprefix("left out of positions: ") for one in read.left_out]
+    if not read.spectra:
+        raise NoDataError("; ".join(left_out) or f"the folder has no record of {day}")
+    return read.spectra, tuple(left_out)
 
 
 def _reaches(spectrum: xr.Dataset, midnight: np.datetime64) -> bool:
@@ -280,7 +292,10 @@ def time_members(
         if reason:
             return reason
         kept = {edge: one for edge, one in timed.items() if not why_not_timed(one, names)}
-        arrivals = {edge: arrival_table(one, shared_frequencies_mhz(one)) for edge, one in kept.items()}
+        arrivals = {
+            edge: _placed(arrival_table(one, shared_frequencies_mhz(one)), members, one.reference_utc)
+            for edge, one in kept.items()
+        }
     except (NoDataError, InputError) as error:
         return f"{NOT_LOCALISABLE}{error}"
     table = arrivals[HALF_RISE]
@@ -298,7 +313,7 @@ def time_members(
         {edge: one.edges for edge, one in kept.items()},
         _shown(members, burst),
         files.sources,
-        channel_arrivals=_channel_tables(kept),
+        channel_arrivals=_channel_tables(kept, members),
         directions=_directions(members, burst, record),
         origin=origin_of(member.searched.over for member in members),
         received=received(files.paths),
@@ -310,12 +325,22 @@ def _directions(members: Sequence[Member], burst: AssociatedBurst, record: Burst
     return burst_directions([one.searched.over for one in members], (start - SHOWN_BEFORE, start + SHOWN_AFTER), band)
 
 
-def _channel_tables(timed: Mapping[str, TimedBurst]) -> dict[str, pd.DataFrame]:
+def _placed(table: pd.DataFrame, members: Sequence[Member], utc: np.datetime64) -> pd.DataFrame:
+    """Arrival table with where the spacecraft were that the ephemeris does not know, as their files say."""
+    for searched in (member.searched for member in members):
+        own = table["observatory"] == searched.observatory
+        if in_ephemeris(searched) or not own.any():
+            continue
+        table.loc[own, list(POSITION)] = receiver_position(searched.over, utc).position_rsun
+    return table
+
+
+def _channel_tables(timed: Mapping[str, TimedBurst], members: Sequence[Member]) -> dict[str, pd.DataFrame]:
     tables = {}
     for edge, one in timed.items():
         try:
-            tables[edge] = channel_arrivals(one)
-        except InputError as error:  # the track is then fitted to t(f)
+            tables[edge] = _placed(channel_arrivals(one), members, one.reference_utc)
+        except (InputError, NoDataError) as error:  # the track is then fitted to t(f)
             log.warning("no channel edges for the track", edge=edge, reason=str(error))
     return tables
 

@@ -20,7 +20,9 @@ from bella.catalogue import SourceFile
 from bella.exceptions import InputError, StoreError
 from bella.pipeline.progress import counter
 from bella.pipeline.surroundings import day_digest
+from bella.records import Origin
 from bella.settings import Settings
+from bella.spectra import UserFolder
 
 log = structlog.get_logger(__name__)
 
@@ -47,6 +49,8 @@ class DayFiles:
         Of the contents of the files, and of what is known of the wind and the Sun around the day.
     silent : tuple of str
         Data sets that could not be asked for, where the mirror has no file of the day.
+    folder : UserFolder or None
+        That the files are in, where a user has brought them; None for the mirror.
     """
 
     day: date
@@ -54,6 +58,12 @@ class DayFiles:
     sources: tuple[SourceFile, ...]
     inputs_hash: str
     silent: tuple[str, ...] = ()
+    folder: UserFolder | None = None
+
+    @property
+    def origin(self) -> Origin:
+        """Where the files come from; what was simulated says so itself when it is read."""
+        return Origin.ARCHIVE if self.folder is None else Origin.USER
 
 
 def fetch_range(days: Sequence[date], archive: str, settings: Settings) -> tuple[str, ...]:

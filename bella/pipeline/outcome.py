@@ -95,7 +95,11 @@ class UnfinishedError(BellaError):
 
 
 def check_finished(
-    outcomes: Sequence[DayOutcome], unreachable: Sequence[str] = (), *, is_asked_for: bool = True
+    outcomes: Sequence[DayOutcome],
+    unreachable: Sequence[str] = (),
+    left_out: Sequence[str] = (),
+    *,
+    is_asked_for: bool = True,
 ) -> None:
     """Refuse to call a run done that is not.
 
@@ -104,6 +108,8 @@ def check_finished(
     outcomes : sequence of DayOutcome
     unreachable : sequence of str
         Data sets that the archive did not answer for, each with the reason.
+    left_out : sequence of str
+        Files of a folder that cannot be read, each with the reason.
     is_asked_for : bool
         Whether somebody waits for these days: then one that was searched without some of its files is not done; on a
         schedule it is, until other files come.
@@ -124,6 +130,9 @@ def check_finished(
         word = "days were" if len(parts) > 1 else "day was"
         said = f"{parts[0].day} {parts[0].message}"
         raise UnfinishedError(f"{len(parts)} of {len(outcomes)} {word} searched without some files: {said}", outcomes)
+    if left_out:
+        number = f"{len(left_out)} files were" if len(left_out) > 1 else "a file was"
+        raise UnfinishedError(f"{number} left out: {left_out[0]}", outcomes)
     if unreachable:
         number = f"{len(unreachable)} data sets" if len(unreachable) > 1 else "a data set"
         raise UnfinishedError(f"{number} could not be asked for, run it again later: {unreachable[0]}", outcomes)

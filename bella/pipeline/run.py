@@ -36,8 +36,9 @@ from bella.pipeline.mirror import DayFiles, Mirror, fetch_range
 from bella.pipeline.observability import observed_day
 from bella.pipeline.outcome import FAILED, NOTHING_NEW, SEARCHED, DayOutcome, remarks
 from bella.pipeline.progress import counter
+from bella.pipeline.user import BroughtFolder
 from bella.pipeline.workers import Workers
-from bella.records import REAL_ORIGINS, DayAnswer, Origin
+from bella.records import DayAnswer, Origin
 from bella.settings import Settings
 from bella.store import sweep
 
@@ -133,13 +134,16 @@ class Direct:
 
 @dataclass(frozen=True)
 class DaysDone:
-    """Days of a run, in order, and the data sets that the archive did not answer for."""
+    """Days of a run, in order, the data sets that the archive did not answer for, and files that belong to no day."""
 
     outcomes: tuple[DayOutcome, ...]
     unreachable: tuple[str, ...] = ()
+    left_out: tuple[str, ...] = ()
 
 
-def process_days(days: Sequence[date], archive: str | None, run: Run, executor: Executor) -> DaysDone:
+def process_days(
+    days: Sequence[date], archive: str | None, run: Run, executor: Executor, brought: BroughtFolder | None = None
+) -> DaysDone:
     """Process days: fetch them, search what is new, localise its bursts.
 
     Parameters
@@ -150,6 +154,8 @@ def process_days(days: Sequence[date], archive: str | None, run: Run, executor: 
         URL or folder that is asked for new files first; None for the mirror as it is.
     run : Run
     executor : Executor
+    brought : BroughtFolder or None
+        Folder of spectra that the days are read from; None for the mirror.
 
     Returns
     -------
@@ -171,8 +177,8 @@ def process_days(days: Sequence[date], archive: str | None, run: Run, executor: 
         for chunk in _chunks(days):
             if archive is not None:
                 unreachable |= dict.fromkeys(executor.fetch(chunk, archive, settings))
-            mirror = Mirror(settings)
-            for files in map(mirror.day, chunk):
+            inputs = Mirror(settings) if brought is None else brought
+            for files in map(inputs.day, chunk):
                 done = finished_before(files, catalogue, settings)
                 if done is None:
                     pending.append((files.day, executor.submit(files, known, run)))
@@ -182,7 +188,8 @@ def process_days(days: Sequence[date], archive: str | None, run: Run, executor: 
     for day, one in pending:
         outcomes[day] = _awaited(day, one)
         advance(1)
-    return DaysDone(tuple(outcomes[day] for day in days), tuple(unreachable))
+    left_out = () if brought is None else brought.left_out
+    return DaysDone(tuple(outcomes[day] for day in days), tuple(unreachable), left_out)
 
 
 def _chunks(days: Sequence[date]) -> Iterator[Sequence[date]]:
@@ -261,7 +268,7 @@ def process_day(files: DayFiles, known: Sequence[KnownBurst], run: Run) -> DayOu
         except NoDataError as error:
             log.warning("day not searchable", reason=str(error))
             outcome = DayOutcome(day, NOT_SEARCHABLE.value, NOT_SEARCHABLE, message=str(error).partition("\n")[0])
-            catalogue.record_day(_record_of(files, outcome), (), lease)
+            catalogue.record_day(_record_of(files, outcome, files.origin), (), lease)
             return outcome
         given = [one for one in found.bursts if one.given is not None]
         work = [(one.given, run.choice, settings, run.run_id) for one in given]
@@ -270,13 +277,13 @@ def process_day(files: DayFiles, known: Sequence[KnownBurst], run: Run) -> DayOu
         verdicts = {one.name: (one.burst_id, _reason(one, bursts.get(one.burst_id))) for one in found.bursts}
         records = detection_records(found.table, verdicts)
         run.workers.call(draw_day, day, found.spectra, records, settings)
-        if found.origin in REAL_ORIGINS:
+        if found.origin is Origin.ARCHIVE:  # what users bring says nothing of what the service can see
             catalogue.operation.record_observed(run.workers.call(observed_day, day, found.spectra), files.inputs_hash)
         catalogue.record_day(_record_of(files, outcome, found.origin), records, lease)
         return outcome
 
 
-def _record_of(files: DayFiles, outcome: DayOutcome, origin: Origin = Origin.ARCHIVE) -> SearchedDay:
+def _record_of(files: DayFiles, outcome: DayOutcome, origin: Origin) -> SearchedDay:
     return SearchedDay(
         files.day,
         files.inputs_hash,

@@ -11,7 +11,7 @@ import xarray as xr
 from bella.exceptions import BellaError, InputError, NoDataError
 from bella.records import Origin
 from bella.spectra.cf_files import ZARR_MARKS
-from bella.spectra.combination import by_observatory
+from bella.spectra.combination import by_observatory_of_what_fits
 from bella.spectra.positions import ReceiverPosition, receiver_position
 from bella.spectra.products import find_product, open_spectra
 
@@ -38,10 +38,10 @@ class UserDay:
     spectra: dict[str, xr.Dataset]
     """By observatory, all its receivers together, of origin ``user``; with the ends of the days around it."""
     positions: dict[str, ReceiverPosition]
-    """At noon, by observatory; :func:`bella.spectra.receiver_position` gives those of another time."""
+    """At noon, or the record next to it, by observatory; :func:`bella.spectra.receiver_position` gives those of another time."""
     files: tuple[Path, ...]
     left_out: tuple[str, ...]
-    """One line for each spacecraft without a position."""
+    """One line for each file that cannot be read or joined, and each spacecraft without a position."""
 
 
 @dataclass(frozen=True)
@@ -57,9 +57,16 @@ class UserFolder:
         """Days with records, ascending."""
         held: set[date] = set()
         for file in self.files:
-            span = np.arange(file.first.astype("M8[D]"), file.last.astype("M8[D]") + 1)
+            # a record at midnight alone is the end of a day
+            end = max(file.first, file.last - np.timedelta64(1, "ns"))
+            span = np.arange(file.first.astype("M8[D]"), end.astype("M8[D]") + 1)
             held.update(one.item() for one in span)
         return tuple(sorted(held))
+
+    def of(self, day: date) -> tuple[UserFile, ...]:
+        """Files that hold a day and what of its neighbours belongs to it."""
+        first, last = _span(day)
+        return tuple(file for file in self.files if file.first < last and file.last >= first)
 
     def read(self, day: date) -> UserDay:
         """The spectra of a day.
@@ -78,11 +85,15 @@ class UserFolder:
             If the folder has no record of it.
         """
         begin = np.datetime64(day, "ns")
-        first, last = begin - BEFORE, begin + np.timedelta64(1, "D") + AFTER
-        held = [file for file in self.files if file.first < last and file.last >= first]
-        parts, used = [], []
-        for file in held:
-            for spectrum in open_spectra(file.path):
+        first, last = _span(day)
+        parts, used, left_out = [], [], []
+        for file in self.of(day):
+            try:
+                found = open_spectra(file.path)
+            except BellaError as error:  # it could be read when the folder was looked through
+                left_out.append(f"left out: {error}")
+                continue
+            for spectrum in found:
                 time = spectrum["time"].to_numpy()
                 part = spectrum.isel(time=np.flatnonzero((time >= first) & (time < last)))
                 if part.sizes["time"] > 1:
@@ -91,14 +102,22 @@ class UserFolder:
         if not parts:
             raise NoDataError(f"the folder has no record of {day}")
         end = begin + np.timedelta64(1, "D")
-        spectra = {name: one for name, one in by_observatory(parts).items() if _has_records(one, begin, end)}
-        positions, left_out = {}, []
+        whole, unfit = by_observatory_of_what_fits(parts)
+        left_out += [f"left out: {one}" for one in unfit]
+        spectra = {name: one for name, one in whole.items() if _has_records(one, begin, end)}
+        positions = {}
         for name, spectrum in spectra.items():
             try:
-                positions[name] = receiver_position(spectrum, begin + np.timedelta64(12, "h"))
+                positions[name] = receiver_position(spectrum, _near_noon(spectrum, begin))
             except NoDataError as error:
                 left_out.append(f"left out of positions: {error}")
         return UserDay(day, spectra, positions, tuple(dict.fromkeys(used)), tuple(left_out))
+
+
+def _span(day: date) -> tuple[np.datetime64, np.datetime64]:
+    """The day with what of its neighbours belongs to it."""
+    begin = np.datetime64(day, "ns")
+    return begin - BEFORE, begin + np.timedelta64(1, "D") + AFTER
 
 
 def user_days(folder: Path) -> UserFolder:
@@ -146,6 +165,11 @@ def _candidates(folder: Path) -> Iterator[Path]:
             yield from (path,) if is_store else _candidates(path)
         elif path.name.lower().endswith(ENDINGS) or find_product(path.name) is not None:
             yield path
+
+
+def _near_noon(spectrum: xr.Dataset, begin: np.datetime64) -> np.datetime64:
+    time = spectrum["time"].to_numpy()
+    return np.datetime64(min(max(begin + np.timedelta64(12, "h"), time[0]), time[-1]))
 
 
 def _has_records(spectrum: xr.Dataset, begin: np.datetime64, end: np.datetime64) -> bool:
