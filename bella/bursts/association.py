@@ -232,8 +232,8 @@ def _position_rsun(searched: Searched) -> FloatArray:
     utc = searched.grid.start
     if in_ephemeris(searched):
         return np.asarray(position_hee(searched.observatory, [utc], utc)[0])
-    time = searched.over["time"].to_numpy()
-    return receiver_position(searched.over, time[time.size // 2]).position_rsun
+    middle = utc + np.timedelta64(round(STEP_S * len(searched.grid.excess_db) / 2), "s")
+    return receiver_position(searched.over, middle).position_rsun
 
 
 def _seeded(other: Searched, member: Member) -> list[Candidate]:

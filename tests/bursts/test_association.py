@@ -258,8 +258,9 @@ def test_bursts_of_one_minute_have_names_of_their_own(fleet: list[Searched]) -> 
     assert twice[0].tier == LOCALISABLE, "the one that can be placed keeps the plain name"
 
 
-def test_onsets_may_be_apart_by_light_travel_and_a_minute() -> None:
+def test_onsets_may_be_apart_by_light_travel_and_a_minute(fleet: list[Searched]) -> None:
     utc = np.datetime64("2012-06-07T19:00", "ns")
+    then = fleet[0]._replace(grid=fleet[0].grid._replace(start=utc))
     where = [position_hee(name, np.array([utc]), utc)[0] for name in ("WIND", "STEREO-A")]
     light_s = np.linalg.norm(where[0] - where[1]) * 695_700.0 / 299_792.458
-    assert _window_s("WIND", "STEREO-A", utc) == pytest.approx(light_s + 60.0, abs=0.1)
+    assert _window_s(named(then, "WIND"), named(then, "STEREO-A")) == pytest.approx(light_s + 60.0, abs=0.1)
