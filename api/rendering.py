@@ -10,7 +10,7 @@ from fastapi import Request
 from fastapi.responses import HTMLResponse
 from jinja2 import Environment, FileSystemLoader, StrictUndefined
 
-from api.wording import flag_meaning, reason_words
+from api.wording import answer_class, answer_words, flag_meaning, reason_words
 from bella import __version__
 from bella.answer import written_68, written_wind
 from bella.plotting import edge_name, plotly_version
@@ -66,6 +66,8 @@ def _environment() -> Environment:
         edge=edge_name,
         meaning=flag_meaning,
         why=reason_words,
+        answer_words=answer_words,
+        answer_class=answer_class,
     )
     environment.globals.update(version=__version__, plotly_version=plotly_version())
     return environment

@@ -38,7 +38,7 @@ class UserDay:
     spectra: dict[str, xr.Dataset]
     """By observatory, all its receivers together, of origin ``user``; with the ends of the days around it."""
     positions: dict[str, ReceiverPosition]
-    """At noon, or the record next to it, by observatory; :func:`bella.spectra.receiver_position` gives those of another time."""
+    """At noon, or the record next to it; :func:`bella.spectra.receiver_position` gives those of other times."""
     files: tuple[Path, ...]
     left_out: tuple[str, ...]
     """One line for each file that cannot be read or joined, and each spacecraft without a position."""

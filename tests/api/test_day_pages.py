@@ -10,6 +10,7 @@ from fastapi.testclient import TestClient
 
 from api.app import create_app
 from bella.catalogue import Catalogue
+from bella.records import DayAnswer
 from bella.settings import Settings
 from tests.api.published import published, settings_of, synthetic_burst
 from tests.api.test_pages import page
@@ -33,7 +34,7 @@ def home(tmp_path_factory: pytest.TempPathFactory) -> Settings:
     with Catalogue.open(settings.catalogue_url, create=True) as catalogue:
         for offset in (-40, -1, 1, 20):
             catalogue.record_day(replace(DAY, day=DAY.day + timedelta(days=offset)), [])
-        catalogue.record_day(DAY, found)
+        catalogue.record_day(replace(DAY, answer=DayAnswer.LOCALISED), found)
         onset = datetime(2020, 7, 21, 3, tzinfo=UTC)
         published(settings, catalogue, burst=synthetic_burst(burst_id=PLACED, start=onset))
         published(settings, catalogue, burst=synthetic_burst())
@@ -109,7 +110,7 @@ def test_the_figure_is_sent_once_and_again_when_it_was_redrawn(reader: TestClien
 
 def test_the_list_of_days_is_by_month_and_pages(reader: TestClient) -> None:
     text = page(reader, "/days")
-    assert re.findall(r'scope="rowgroup" colspan="6">([^<]+)<', text) == ["August 2020", "July 2020", "June 2020"]
+    assert re.findall(r'scope="rowgroup" colspan="7">([^<]+)<', text) == ["August 2020", "July 2020", "June 2020"]
     assert re.findall(r'href="/days/([0-9-]+)"', text)[0] == "2020-08-10"
     assert "5 days." in text
     row = text[text.index('href="/days/2020-07-21"') :].split("</tr>")[0]
@@ -192,3 +193,27 @@ def test_reasons_cannot_write_into_the_page(empty: Settings) -> None:
         catalogue.record_day(DAY, [heard(3, reason="<script>alert(1)</script>", tier="catalogued")])
     with TestClient(create_app(empty)) as client:
         assert "<script>alert" not in page(client, "/days/2020-07-21")
+
+
+def test_answers_about_days_look_different_and_say_why(empty: Settings) -> None:
+    reason = "WIND: its records are 900 s apart, too coarse"
+    days = {DAY.day + timedelta(days=number): answer for number, answer in enumerate(DayAnswer)}
+    with Catalogue.open(empty.catalogue_url) as catalogue:
+        for day, answer in days.items():
+            catalogue.record_day(replace(DAY, day=day, answer=answer, reason=reason), [])
+    with TestClient(create_app(empty)) as client:
+        listed = page(client, "/days")
+        sentences = set()
+        for day, answer in days.items():
+            name = f"answer-{answer.replace(' ', '-')}"
+            row = listed[listed.index(f'href="/days/{day}"') :].split("</tr>")[0]
+            assert name in row
+            assert f">{answer}</span>" in row
+            assert reason in row
+            text = page(client, f"/days/{day}")
+            (said,) = re.findall(rf'class="day-answer {name}" id="day-answer">(.*?)</p>', text)
+            sentences.add(said)
+            assert reason in text[text.index('id="day-reason"') :]
+            assert ('id="unsearched"' in text) == (answer in {"no data", "archive silent", "not searchable"})
+            assert f".{name} " in client.get("/static/bella.css").text
+    assert len(sentences) == len(DayAnswer)
