@@ -24,13 +24,17 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 REFERENCE_FILES = Path(os.environ.get("BELLA_REFERENCE_FILES", Path(__file__).parents[2] / "shared" / "data"))
 
 
-LONG_FILES = ("test_process_days.py", "test_service_processes.py", "test_run.py", "test_solar_wind.py")
+LONG_FILES = [
+    Path(__file__).parent / name
+    for name in ("pipeline/test_run.py", "test_service_processes.py", "test_replay.py", "flows/test_run.py")
+]
 """Files of few tests that take a minute or more each."""
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     """Begin with the files that take longest: at the end one of them would keep a worker while the others are idle."""
-    items.sort(key=lambda item: item.path.name not in LONG_FILES)
+    assert all(path.is_file() for path in LONG_FILES), "a file was moved: name its new place"
+    items.sort(key=lambda item: item.path not in LONG_FILES)
 
 
 @pytest.fixture(scope="session")
