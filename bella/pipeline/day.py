@@ -10,7 +10,7 @@ import structlog
 import xarray as xr
 
 from bella.archive import received
-from bella.arrivals import POSITION
+from bella.arrivals import POSITION, reference_utc
 from bella.bursts.association import (
     SLOWEST,
     AssociatedBurst,
@@ -39,6 +39,7 @@ from bella.pipeline.directions import burst_directions
 from bella.pipeline.inputs import BurstInput, aware, origin_of
 from bella.pipeline.mirror import DayFiles, check_content
 from bella.records import Origin, burst_name, is_named_for
+from bella.spacecraft import position_hee
 from bella.spectra import UserFolder, by_observatory_of_what_fits, open_spectra, receiver_position
 
 log = structlog.get_logger(__name__)
@@ -293,7 +294,7 @@ def time_members(
             return reason
         kept = {edge: one for edge, one in timed.items() if not why_not_timed(one, names)}
         arrivals = {
-            edge: _placed(arrival_table(one, shared_frequencies_mhz(one)), members, one.reference_utc)
+            edge: placed(arrival_table(one, shared_frequencies_mhz(one)), [member.searched for member in members])
             for edge, one in kept.items()
         }
     except (NoDataError, InputError) as error:
@@ -325,13 +326,37 @@ def _directions(members: Sequence[Member], burst: AssociatedBurst, record: Burst
     return burst_directions([one.searched.over for one in members], (start - SHOWN_BEFORE, start + SHOWN_AFTER), band)
 
 
-def _placed(table: pd.DataFrame, members: Sequence[Member], utc: np.datetime64) -> pd.DataFrame:
-    """Arrival table with where the spacecraft were that the ephemeris does not know, as their files say."""
-    for searched in (member.searched for member in members):
-        own = table["observatory"] == searched.observatory
-        if in_ephemeris(searched) or not own.any():
+def placed(table: pd.DataFrame, searched: Sequence[Searched]) -> pd.DataFrame:
+    """Fill in where spacecraft were as their files say, where these have positions that the ephemeris does not deny.
+
+    Parameters
+    ----------
+    table : pandas.DataFrame
+        Arrival table; is changed.
+    searched : sequence of Searched
+        Of its spacecraft.
+
+    Returns
+    -------
+    pandas.DataFrame
+        The same table. Between its times a spacecraft moves as in the ephemeris; one that is not there stands still.
+
+    Raises
+    ------
+    NoDataError
+        If neither file nor ephemeris knows where a spacecraft was.
+    """
+    utc = reference_utc(table)
+    for one in searched:
+        own = table["observatory"] == one.observatory
+        there = receiver_position(one.over, utc)
+        if not own.any() or there.source != "file":
             continue
-        table.loc[own, list(POSITION)] = receiver_position(searched.over, utc).position_rsun
+        moved = np.zeros(3)
+        if in_ephemeris(one):
+            times = table.loc[own, "arrival_utc"].to_numpy("datetime64[ns]")
+            moved = position_hee(one.observatory, times, utc) - position_hee(one.observatory, [utc], utc)
+        table.loc[own, list(POSITION)] = there.position_rsun + moved
     return table
 
 
@@ -339,7 +364,7 @@ def _channel_tables(timed: Mapping[str, TimedBurst], members: Sequence[Member]) 
     tables = {}
     for edge, one in timed.items():
         try:
-            tables[edge] = _placed(channel_arrivals(one), members, one.reference_utc)
+            tables[edge] = placed(channel_arrivals(one), [member.searched for member in members])
         except (InputError, NoDataError) as error:  # the track is then fitted to t(f)
             log.warning("no channel edges for the track", edge=edge, reason=str(error))
     return tables

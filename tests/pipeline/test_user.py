@@ -6,17 +6,21 @@ from datetime import UTC, date, datetime
 from pathlib import Path
 
 import numpy as np
+import pandas as pd
 import pytest
 import xarray as xr
 from typer.testing import CliRunner
 
+from bella.arrivals import POSITION
+from bella.bursts.detection import search
 from bella.catalogue import BurstQuery, Catalogue
 from bella.cli import app
 from bella.exceptions import InputError
+from bella.pipeline.day import placed
 from bella.pipeline.outcome import UnfinishedError
 from bella.records import DayAnswer, Origin
 from bella.settings import Settings
-from bella.spacecraft import position
+from bella.spacecraft import position, position_hee
 from bella.units import R_SUN_KM
 from tests.bursts.recorded import burst_at, recorded, sky
 
@@ -91,3 +95,22 @@ def test_days_that_a_folder_does_not_have_are_refused(
     done = CliRunner().invoke(app, ["run", "--spectra", str(folder), "--home", str(tmp_path / "home"), *more])
     assert isinstance(done.exception, InputError)
     assert said in str(done.exception)
+
+
+@pytest.mark.parametrize(("name", "moves"), [("STEREO-A", True), ("MARSIS", False)])
+def test_a_position_in_a_file_moves_the_receiver(name: str, moves: bool) -> None:
+    theirs = recorded("STEREO-A", sky([burst_at(5.0)]))
+    shift_km = np.array([9_000.0, -6_000.0, 3_000.0])
+    there_km = position("STEREO-A", theirs["time"].to_numpy(), "hee") * R_SUN_KM + shift_km
+    stated = theirs.assign(position_km=(("time", "axis"), there_km, {"frame": "hee", "units": "km"}))
+    times = np.datetime64(f"{DAY}T05:00", "ns") + np.array([0, 3000]) * np.timedelta64(1, "s")
+    empty = dict.fromkeys(POSITION, np.nan)
+    table = pd.DataFrame({"observatory": name, "arrival_utc": times, **empty})
+
+    rows = placed(table.copy(), [search(stated.assign_attrs(observatory=name))])
+
+    expected = position_hee("STEREO-A", times if moves else times[:1], times[0]) * R_SUN_KM + shift_km
+    found_km = rows[list(POSITION)].to_numpy() * R_SUN_KM
+    np.testing.assert_allclose(found_km, np.broadcast_to(expected, (2, 3)), atol=20.0)
+    far = stated.assign(position_km=stated["position_km"] + 1e6)
+    assert placed(table.copy(), [search(far.assign_attrs(observatory="STEREO-A"))])["x_rsun"].isna().all()
