@@ -273,6 +273,9 @@ class Track(Record):
     two_step: dict[str, Any] = Field(default_factory=dict)
     two_step_other_rotations: dict[str, dict[str, Any]] = Field(default_factory=dict)
     companions: dict[str, dict[str, Any]] = Field(default_factory=dict)
+    preliminary: PreliminaryLevel | None = Field(
+        default=None, description="Of a burst that only two spacecraft had heard before: how well that held."
+    )
 
 
 class AlertSource(Record):
@@ -317,6 +320,3 @@ class Alert(Record):
     phi0_68: tuple[Interval, ...] = ()
     sources: tuple[AlertSource, ...] = ()
     flags: tuple[str, ...] = ()
-    preliminary: PreliminaryLevel | None = Field(
-        default=None, description="Of a burst that two spacecraft had been heard by before: how well that held."
-    )
