@@ -1,4 +1,4 @@
-"""Entity tags: what has not changed is not sent again."""
+"""Entity tags: what has not changed is not sent again. And HEAD: what is sent, without sending it."""
 
 import hashlib
 from collections.abc import Iterable
@@ -7,9 +7,14 @@ from typing import Any
 
 from fastapi import Request, Response
 from fastapi.responses import JSONResponse
+from starlette.datastructures import Headers, MutableHeaders
+from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from bella import __version__
 from bella.catalogue import Solution
+
+AS_THEY_ARE = ("/static/", "/api/v1/alerts/stream")
+"""Addresses that answer HEAD and tags by themselves, or have no end."""
 
 IMMUTABLE = "public, max-age=31536000, immutable"
 REVALIDATE = "no-cache"
@@ -40,7 +45,11 @@ def file_tag(path: Path) -> str:
 
 def is_known(request: Request, tag: str) -> bool:
     """Whether the reader has this entity already."""
-    known = {part.strip().removeprefix("W/") for part in request.headers.get("if-none-match", "").split(",")}
+    return _has(request.headers, tag)
+
+
+def _has(headers: Headers, tag: str) -> bool:
+    known = {part.strip().removeprefix("W/") for part in headers.get("if-none-match", "").split(",")}
     return tag.removeprefix("W/") in known or "*" in known
 
 
@@ -52,3 +61,61 @@ def fresh_json(content: Any, tag: str) -> Response:
 def not_modified(tag: str) -> Response:
     """Reply to a reader who has this entity already."""
     return Response(status_code=304, headers={"ETag": tag, "Cache-Control": REVALIDATE})
+
+
+class Revalidated:
+    """Gives every whole reply an entity tag, answers 304 to who has it already, and HEAD as GET without the body.
+
+    Tags are of the content of a reply: they save sending it, and not reading it from the catalogue.
+    """
+
+    def __init__(self, app: ASGIApp) -> None:
+        self.app = app
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        """Pass the request on, as GET where it is HEAD, and mark the reply."""
+        path = scope.get("path", "")
+        asked = scope["type"] == "http" and scope["method"] in {"GET", "HEAD"}
+        if not asked or path.startswith(AS_THEY_ARE) or "/posterior.zarr/" in path:
+            await self.app(scope, receive, send)
+            return
+        reply = _Reply(Headers(scope=scope), send, without_body=scope["method"] == "HEAD")
+        await self.app({**scope, "method": "GET"}, receive, reply.take)
+
+
+class _Reply:
+    """A reply on its way: its start waits for its body, whose tag it carries."""
+
+    def __init__(self, asked: Headers, send: Send, *, without_body: bool) -> None:
+        self.asked, self.send, self.without_body = asked, send, without_body
+        self.start: Message = {}
+        self.is_begun = False
+        self.is_over = False
+
+    async def take(self, message: Message) -> None:
+        """Take the next message of the application."""
+        if message["type"] == "http.response.start":
+            self.start = message
+        elif self.is_over:
+            return  # the rest of a body that nobody asked for
+        elif message["type"] == "http.response.body" and not self.is_begun:
+            await self._begin(message)
+        else:
+            await self.send(message)
+
+    async def _begin(self, body: Message) -> None:
+        self.is_begun = True
+        headers = MutableHeaders(raw=self.start["headers"])
+        if self.start["status"] == 200:
+            if "etag" not in headers and not body.get("more_body"):
+                content = headers.get("content-type", "").encode() + body.get("body", b"")
+                headers["ETag"] = f'W/"{hashlib.sha256(content).hexdigest()[:32]}"'
+                headers.setdefault("Cache-Control", REVALIDATE)
+            if "etag" in headers and _has(self.asked, headers["etag"]):
+                kept = [(name, headers[name]) for name in ("etag", "cache-control", "vary") if name in headers]
+                raw = [(name.encode(), value.encode()) for name, value in kept]
+                self.start = {"type": "http.response.start", "status": 304, "headers": raw}
+                self.without_body = True
+        self.is_over = self.without_body
+        await self.send(self.start)
+        await self.send({"type": "http.response.body", "body": b""} if self.without_body else body)

@@ -1,10 +1,12 @@
-"""What is the same for all replies: compression, security headers, and who may read."""
+"""What is the same for all replies: tags and HEAD, compression, security headers, and who may read."""
 
 from fastapi import FastAPI
 from starlette.datastructures import MutableHeaders
 from starlette.middleware.cors import CORSMiddleware
 from starlette.middleware.gzip import GZipMiddleware
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
+
+from api.freshness import Revalidated
 
 # plotly writes style attributes and draws heatmaps into data: images; scripts come from this service alone
 CONTENT_SECURITY_POLICY = "; ".join(
@@ -62,6 +64,7 @@ def install_headers(app: FastAPI) -> None:
     ----------
     app : FastAPI
     """
+    app.add_middleware(Revalidated)
     app.add_middleware(CompressAllButStore, minimum_size=1000, compresslevel=6)
     app.add_middleware(
         CORSMiddleware,

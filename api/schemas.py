@@ -8,6 +8,7 @@ from urllib.parse import urlencode
 
 from pydantic import BaseModel, ConfigDict, Field
 
+from api.calibration_section import CalibrationReply, calibration_of
 from api.wording import APPARENT_SOURCE
 from bella.catalogue import (
     UNSEARCHED,
@@ -252,14 +253,16 @@ class SolutionReply(Said):
                 "track_csv": f"{burst}/track?{pick}&format=csv",
                 "posterior": f"{burst}/posterior?{pick}",
                 "zarr": zarr_path(solution),
+                "calibration": f"{API}/solutions/{solution.solution_id}/calibration",
             },
         )
 
 
 class SolutionWithSourcesReply(SolutionReply):
-    """One solution with the files it was made from."""
+    """One solution with the files it was made from, and how often such answers held."""
 
     sources: list[SourceReply]
+    calibration: CalibrationReply = Field(description="How often answers about simulated bursts like this one held.")
 
 
 class PreferenceReply(Reply):
@@ -289,6 +292,9 @@ class BurstReply(Reply):
     grade: str | None = Field(description="Of the preferred solution; null where there is none that stands.")
     tier: str | None
     sentence: str | None = Field(description="The answer about this burst: that of the preferred solution.")
+    calibration: CalibrationReply | None = Field(
+        description="How often answers about simulated bursts like this one held; null where there is no answer."
+    )
     preferred_solution: str | None
     preference: PreferenceReply | None
     solutions: list[SolutionReply]
@@ -306,6 +312,7 @@ class BurstReply(Reply):
         )
         return cls(
             **{name: said[name] for name in ("grade", "tier", "sentence")},
+            calibration=calibration_of(preferred, burst.observatories) if preferred else None,
             preferred_solution=preferred.solution_id if preferred else None,
             preference=chosen,
             burst_id=burst.burst_id,

@@ -209,7 +209,9 @@ def all_bursts(catalogue: Catalogue, query: BurstQuery) -> Iterator[BurstSummary
 
 def _burst_row(summary: BurstSummary) -> Row:
     burst, preferred = summary.burst, summary.preferred
-    row: Row = {**asdict(burst), "observatories": " ".join(burst.observatories), "version": 0}
+    retracted = burst.retracted.reason if burst.retracted else ""
+    lists = {"observatories": " ".join(burst.observatories), "retracted": retracted}
+    row: Row = {**asdict(burst), **lists, "version": 0}
     if preferred is None:
         return row
     said = preferred.answer.model_dump()

@@ -17,7 +17,7 @@ from bella.flags import APPARENT_SOURCE
 from bella.records import REAL_ORIGINS
 
 if TYPE_CHECKING:
-    from bella.catalogue import BurstSummary, Catalogue
+    from bella.catalogue import Burst, BurstSummary, Catalogue, Solution
     from bella.records import Origin
     from bella.settings import Settings
 
@@ -182,6 +182,7 @@ def burst_row(one: "BurstSummary") -> dict[str, Any]:
         "f_high_mhz": burst.f_high_mhz,
         "preferred": preferred.solution_id if preferred else None,
         "answer": preferred.answer.model_dump() if preferred else None,
+        "calibration": calibration_sentence(burst, preferred) if preferred else None,
         "chosen_by": preference.chosen_by if preference else None,
         "reason": preference.reason if preference else None,
         "solutions": [solution.solution_id for solution in one.solutions],
@@ -263,9 +264,28 @@ def say_answer(summary: "BurstSummary") -> None:
     if preferred is None or preference is None:
         say(f"{summary.burst.burst_id}: no solution")
         return
+    say(calibration_sentence(summary.burst, preferred))
     by = "chosen by the rule" if preference.chosen_by == "rule" else "pinned"
     why = f", {preference.reason}" if preference.chosen_by == "person" and preference.reason else ""
     say(f"{summary.burst.burst_id}: {preferred.answer.sentence} ({preferred.series.name}, {by}{why})")
+
+
+def calibration_sentence(burst: "Burst", solution: "Solution") -> str:
+    """How often answers about simulated bursts like this one held the truth."""
+    from bella.calibration.tried import NOT_TRIED, PAGE, Answered, tried
+
+    series, answer = solution.series, solution.answer
+    real = Answered(
+        len(burst.observatories),
+        series.edge,
+        answer.tier,
+        answer.grade,
+        method=series.method,
+        preset=series.preset,
+        origin=solution.origin,
+    )
+    found = tried(real)
+    return f"{found.sentence} See {PAGE}" if found else NOT_TRIED
 
 
 def say(line: str) -> None:

@@ -18,6 +18,9 @@ FIT_FIGURES = ("polar-fit", "density")
 WIND_FIGURE = "wind"
 """Name of the one that a solution has where the wind was measured."""
 
+COLLAPSED_FIGURE = "shared-profile"
+"""Name of the one that a solution has where its edge is the shared profile."""
+
 
 class Settings(BaseSettings):
     """Where things are kept and how much the service takes on."""
@@ -144,7 +147,7 @@ class Settings(BaseSettings):
         return self.home / "figures"
 
     def fit_figure(self, burst_id: str, solution_id: str, name: str) -> Path:
-        """File of one of `FIT_FIGURES`, or of `WIND_FIGURE`, which like its solution never changes."""
+        """File of one of `FIT_FIGURES`, `WIND_FIGURE` or `COLLAPSED_FIGURE`, which like its solution never changes."""
         series = solution_id.removeprefix(f"{burst_id}.")
         return self.figures_root / burst_id / f"{name}-{series}.png"
 

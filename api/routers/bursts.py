@@ -36,13 +36,14 @@ router = APIRouter(prefix="/api/v1", tags=["bursts"])
 
 @router.get("/bursts", response_model=BurstsReply)
 def bursts(
-    request: Request, catalogue: CatalogueHere, wanted: Annotated[BurstTableFilter, Query()]
+    request: Request, response: Response, catalogue: CatalogueHere, wanted: Annotated[BurstTableFilter, Query()]
 ) -> BurstsReply | Response:
     """Bursts in a time range, heard by given observatories, without given quality flags; as JSON or as a table."""
     chosen, page = asked_format(request, wanted.format), catalogue.bursts(wanted.query())
     following = str(request.url.include_query_params(cursor=page.next_cursor)) if page.next_cursor else None
     if chosen is not JSON:
         return table_reply(chosen, burst_table(page.bursts), "bursts", following)
+    response.headers["Vary"] = "Accept"
     return BurstsReply(
         bursts=[BurstReply.of(summary) for summary in page.bursts],
         total=page.total,
@@ -71,6 +72,7 @@ def versions(burst_id: str, catalogue: CatalogueHere) -> VersionsReply:
 )
 def track(
     request: Request,
+    response: Response,
     burst_id: str,
     catalogue: CatalogueHere,
     choice: Annotated[TableChoice, Query()],
@@ -90,6 +92,7 @@ def track(
     if chosen is not JSON:
         table = localisation_table(catalogue, [solution])
         return table_reply(chosen, replace(table, header=table_header(solution)), name)
+    response.headers["Vary"] = "Accept"
     return TrackReply(
         burst_id=burst_id,
         **said_of(solution),

@@ -18,7 +18,7 @@ router = APIRouter(prefix="/api/v1", tags=["detections"])
 
 @router.get("/detections", response_model=DetectionsReply)
 def detections(
-    request: Request, catalogue: CatalogueHere, wanted: Annotated[DetectionTableFilter, Query()]
+    request: Request, response: Response, catalogue: CatalogueHere, wanted: Annotated[DetectionTableFilter, Query()]
 ) -> DetectionsReply | Response:
     """Detections of a time range by onset; a tier other than "localisable" comes with its reason."""
     chosen = asked_format(request, wanted.format)
@@ -29,6 +29,7 @@ def detections(
         cut = {"truncated": "yes: ask for a shorter range"} if len(found) > wanted.limit else {}
         table = detection_table(shown)
         return table_reply(chosen, replace(table, header={**table.header, **cut}), "detections")
+    response.headers["Vary"] = "Accept"
     return DetectionsReply(
         detections=[DetectionReply.of(one) for one in shown],
         returned=len(shown),

@@ -10,6 +10,7 @@ from fastapi.responses import FileResponse, HTMLResponse
 from pydantic import ValidationError
 
 from api.asking import asked_of, fault_words
+from api.calibration_section import calibration_of
 from api.freshness import IMMUTABLE
 from api.queries import BurstFilter, SeriesChoice, one_per_edge
 from api.remarks import edge_remark
@@ -51,8 +52,12 @@ FIGURES = {
         "Measured wind and track",
         "Map of the wind speed seen from ecliptic north, with track, spiral and field line; below, wind along it.",
     ),
+    "shared-profile": (
+        "Light curves on one profile",
+        "All light curves, shifted and stretched onto the profile that they share: on one line where the burst is one.",
+    ),
 }
-"""Title and description of each of `bella.settings.FIT_FIGURES`, and of `WIND_FIGURE`."""
+"""Title and description of each of `bella.settings.FIT_FIGURES`, of `WIND_FIGURE` and of `COLLAPSED_FIGURE`."""
 
 Track = tuple[Solution, dict[str, Any]]
 
@@ -113,6 +118,7 @@ def burst_page(request: Request, burst_id: str, service: ServiceHere, catalogue:
         preferred=summary.preferred,
         preference=summary.preference,
         shown=solutions[0] if solutions else None,
+        calibration=calibration_of(summary.preferred, summary.burst.observatories) if summary.preferred else None,
         grades=GRADES,
         links=burst_links(summary.burst),
         day_page=_day_page(catalogue, summary.burst),

@@ -5,6 +5,7 @@ from typing import Literal
 from fastapi import APIRouter, Response
 from fastapi.responses import FileResponse
 
+from api.calibration_section import CalibrationReply, calibration_of
 from api.freshness import IMMUTABLE
 from api.schemas import SolutionReply, SolutionWithSourcesReply, SourceReply
 from api.service import CatalogueHere, ServiceHere
@@ -14,12 +15,26 @@ from bella.store import group_file
 
 router = APIRouter(prefix="/api/v1/solutions", tags=["solutions"])
 
+FigureName = Literal["polar-fit", "density", "wind", "shared-profile"]
+"""`bella.settings.FIT_FIGURES`, `WIND_FIGURE` and `COLLAPSED_FIGURE`."""
+
 
 @router.get("/{solution_id}")
 def solution(solution_id: str, catalogue: CatalogueHere) -> SolutionWithSourcesReply:
-    """One solution, with the files it was made from, their versions and checksums."""
-    known = SolutionReply.of(catalogue.solution(solution_id))
-    return SolutionWithSourcesReply(**known.model_dump(), sources=sources_of(catalogue, solution_id))
+    """One solution, with its source files and their checksums, and how often answers like it held the truth."""
+    known = catalogue.solution(solution_id)
+    return SolutionWithSourcesReply(
+        **SolutionReply.of(known).model_dump(),
+        sources=sources_of(catalogue, solution_id),
+        calibration=calibration_of(known, catalogue.burst(known.burst_id).burst.observatories),
+    )
+
+
+@router.get("/{solution_id}/calibration")
+def calibration(solution_id: str, catalogue: CatalogueHere) -> CalibrationReply:
+    """How often the intervals of simulated bursts like this one held the truth: rows of docs/calibration-found.csv."""
+    known = catalogue.solution(solution_id)
+    return calibration_of(known, catalogue.burst(known.burst_id).burst.observatories)
 
 
 def sources_of(catalogue: Catalogue, solution_id: str) -> list[SourceReply]:
@@ -39,8 +54,8 @@ def posterior_file(solution_id: str, key: str, service: ServiceHere) -> FileResp
 
 
 @router.get("/{solution_id}/figures/{name}", responses={200: {"content": {"image/png": {}}}}, response_class=Response)
-def figure(solution_id: str, name: Literal["polar-fit", "density", "wind"], service: ServiceHere) -> FileResponse:
-    """Figure of the track of a solution, PNG: longitude against distance, frequency against distance, or its wind."""
+def figure(solution_id: str, name: FigureName, service: ServiceHere) -> FileResponse:
+    """Figure of a solution, PNG: longitude or frequency against distance, its wind, or light curves on one profile."""
     burst_id = service.catalogue().solution(solution_id).burst_id
     path = service.settings.fit_figure(burst_id, solution_id, name)
     if not path.is_file():

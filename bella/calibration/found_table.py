@@ -223,7 +223,9 @@ def published_rows() -> tuple[FoundRow, ...]:
     return tuple(parse_found((resources.files("bella.calibration") / PUBLISHED).read_text(encoding="utf-8")))
 
 
-def stratum_of(spacecraft: int, edge: str, tier: Tier, rows: Iterable[FoundRow] | None = None) -> tuple[FoundRow, ...]:
+def stratum_of(
+    spacecraft: int, edge: str, tier: Tier, rows: Iterable[FoundRow] | None = None, *, grade: str = ALL
+) -> tuple[FoundRow, ...]:
     """Rows of the published table that stand for a real solution: bursts of all strata, timed as it was.
 
     Which stratum a real burst belongs to is not known, so all of them are taken together.
@@ -233,10 +235,12 @@ def stratum_of(spacecraft: int, edge: str, tier: Tier, rows: Iterable[FoundRow] 
     spacecraft : int
         That were timed.
     edge : str
-        Definition of the edge of the solution.
+        Definition of the edge of the solution; "all" for those of a grade.
     tier : {"final", "preliminary"}
     rows : iterable of FoundRow, optional
         Another table than the published one.
+    grade : str
+        Of the solution; "all" for those of an edge.
 
     Returns
     -------
@@ -244,6 +248,6 @@ def stratum_of(spacecraft: int, edge: str, tier: Tier, rows: Iterable[FoundRow] 
         One for each number of the answer; empty where no simulated burst was timed and answered in this way.
     """
     fleet = FLEET_OF.get(min(spacecraft, max(FLEET_OF)))
-    key = (ALL, fleet, tier, edge, ALL)
+    key = (ALL, fleet, tier, edge, grade)
     known = published_rows() if rows is None else rows
     return tuple(one for one in known if (one.stratum, one.fleet, one.tier, one.edge, one.grade) == key and one.bursts)

@@ -73,11 +73,17 @@ def _float(name: str, unit: str, ucd: str, description: str) -> Column:
     return Column(name, "float", unit, ucd, description)
 
 
+SFU = "10**4 Jy"
+"""The solar flux unit, 1e-22 W m-2 Hz-1, as VOUnits can say it: they do not know its name."""
+
 BURST_ID = _text("burst_id", "meta.id", "Stable id of the burst.")
 SOLUTION_ID = _text("solution_id", "meta.id", "Id of the solution, which never changes.")
 OBSERVATORY = _text("observatory", "meta.id;instr.obsty", "Spacecraft that received the burst.")
 GRADE = _text("grade", "meta.code.qual", "A (best) to D (no single answer).")
 TIER = _text("tier", "meta.code.class", "final, or preliminary where two spacecraft received the burst.")
+ORIGIN = _text(
+    "origin", "meta.code.class", "Where the data come from: archive, event, submission, user, simulated, test."
+)
 F_LOW = _float("f_low_mhz", "MHz", "em.freq;stat.min", "Lowest frequency.")
 F_HIGH = _float("f_high_mhz", "MHz", "em.freq;stat.max", "Highest frequency.")
 FREQUENCY = _float("frequency_mhz", "MHz", "em.freq", "Frequency of the channel.")
@@ -127,6 +133,8 @@ BURSTS = Schema(
         _time("created_utc", "time.creation", "When the solution was published."),
         _text("code_version", "meta.version;meta.software", "Version of the code that made the solution."),
         _text("sentence", "meta.note", "The answer in plain words."),
+        ORIGIN,
+        _text("retracted", "meta.note", "Why the burst was retracted; empty where it stands."),
     ),
 )
 
@@ -206,6 +214,13 @@ DETECTIONS = Schema(
         _text("tier", "meta.code.class", "localisable, catalogued or rejected."),
         _text("reason", "meta.note", "Why it is no more than that; empty where it was localised."),
         BURST_ID,
+        ORIGIN,
+        _float(
+            "flux_sfu_1au",
+            SFU,
+            "phot.flux.density;em.radio;stat.max",
+            "Largest flux density at 1 au, solar flux units.",
+        ),
     ),
 )
 

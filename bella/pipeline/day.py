@@ -36,7 +36,7 @@ from bella.catalogue import Burst, BurstQuery, Catalogue, Detection
 from bella.exceptions import BellaError, InputError, NoDataError
 from bella.flags import CATALOGUED, LOCALISABLE
 from bella.pipeline.directions import burst_directions
-from bella.pipeline.inputs import BurstInput, aware, origin_of
+from bella.pipeline.inputs import BurstInput, aware, collapsed_of, origin_of
 from bella.pipeline.mirror import DayFiles, check_content
 from bella.records import Origin, burst_name, is_named_for
 from bella.spacecraft import position_hee
@@ -318,6 +318,7 @@ def time_members(
         directions=_directions(members, burst, record),
         origin=origin_of(member.searched.over for member in members),
         received=received(files.paths),
+        collapsed=collapsed_of(kept.get(SHARED)),
     )
 
 

@@ -15,6 +15,7 @@ import structlog
 import xarray as xr
 
 from bella.bursts.matched_filter import over_quiet
+from bella.bursts.timing import SHARED
 from bella.catalogue import Detection, Solution
 from bella.exceptions import BellaError, StoreError
 from bella.pipeline.day import day_spectra
@@ -25,13 +26,14 @@ from bella.pipeline.surroundings import Surroundings, draw_wind, has_wind
 from bella.plotting import (
     TrackView,
     edge_name,
+    write_collapsed_png,
     write_constellation_png,
     write_day_png,
     write_density_png,
     write_polar_fit_png,
     write_spectra_png,
 )
-from bella.settings import FIT_FIGURES, WIND_FIGURE, Settings
+from bella.settings import COLLAPSED_FIGURE, FIT_FIGURES, WIND_FIGURE, Settings
 from bella.store import open_group
 
 log = structlog.get_logger(__name__)
@@ -53,7 +55,7 @@ class Drawn:
 
 
 def draw_burst(given: BurstInput, solutions: Sequence[Drawn], settings: Settings, around: Surroundings) -> None:
-    """Draw constellation, fits, wind and spectra of a burst, unless all were drawn after its newest solution.
+    """Draw constellation, fits, wind, spectra and profile of a burst, unless all were drawn after its newest solution.
 
     Parameters
     ----------
@@ -97,6 +99,10 @@ def _draw(given: BurstInput, solutions: Sequence[Drawn], settings: Settings, aro
         if has_wind(view.track_fit):
             draw_wind(wind_figure(one.solution, settings), view.posterior, view.track_fit, around)
         advance(2 + has_wind(view.track_fit))
+    if given.collapsed is not None:
+        for path in collapsed_figures(given, solutions, settings):
+            write_collapsed_png(path, given.collapsed)
+            advance(1)
     if given.spectra is not None:
         named = {edge_name(edge): table for edge, table in given.channel_edges.items()}
         write_spectra_png(spectra_figure(given, settings), given.spectra, named)
@@ -109,6 +115,7 @@ def figure_paths(given: BurstInput, solutions: Sequence[Drawn], settings: Settin
     paths = [constellation(given, positions[0].solution, settings)] if positions else []
     paths += [path for one in positions for path in fit_figures(one.solution, settings)]
     paths += [wind_figure(one.solution, settings) for one in positions if has_wind(one.track)]
+    paths += collapsed_figures(given, solutions, settings)
     return [*paths, *([spectra_figure(given, settings)] if given.spectra is not None else [])]
 
 
@@ -131,6 +138,12 @@ def fit_figures(solution: Solution, settings: Settings) -> list[Path]:
 def wind_figure(solution: Solution, settings: Settings) -> Path:
     """File of the map of the wind of one solution, which is drawn where the wind was measured."""
     return settings.fit_figure(solution.burst_id, solution.solution_id, WIND_FIGURE)
+
+
+def collapsed_figures(given: BurstInput, solutions: Sequence[Drawn], settings: Settings) -> list[Path]:
+    """Files of the light curves on their shared profile, one for each solution that was timed by it."""
+    timed = [one.solution for one in solutions if given.collapsed is not None and one.solution.series.edge == SHARED]
+    return [settings.fit_figure(one.burst_id, one.solution_id, COLLAPSED_FIGURE) for one in timed]
 
 
 def is_drawn(figure: Path, solutions: Sequence[Drawn]) -> bool:

@@ -24,7 +24,8 @@ from bella.bursts.event import (
     published_arrivals,
     timed_event,
 )
-from bella.bursts.timing import HALF_RISE, SHARED, channel_arrivals
+from bella.bursts.shared_profile import collapsed_samples
+from bella.bursts.timing import HALF_RISE, SHARED, TimedBurst, channel_arrivals
 from bella.catalogue import Burst, SourceFile
 from bella.exceptions import InputError
 from bella.records import Origin
@@ -59,6 +60,9 @@ class BurstInput:
         Where its data come from.
     received : Received
         When the files of its day came.
+    collapsed : DataFrame or None
+        Light curves on the time axis of the shared profile, as :func:`bella.plotting.write_collapsed_png` takes them;
+        None where the burst has no such edge.
     """
 
     burst: Burst
@@ -71,6 +75,7 @@ class BurstInput:
     directions: pd.DataFrame | None = None
     origin: Origin = Origin.ARCHIVE
     received: Received = field(default_factory=Received)
+    collapsed: pd.DataFrame | None = None
 
 
 def origin_of(spectra: Iterable[xr.Dataset]) -> Origin:
@@ -153,7 +158,31 @@ def _built_in_event() -> BurstInput:
     }
     channels = {edge: channel_arrivals(timed_event(edge)) for edge in (HALF_RISE, SHARED)}
     spectra, sources = event_spectra(), _event_sources()
-    return BurstInput(burst, arrivals, edges, spectra, sources, PUBLISHED_TRACK, channels, origin=Origin.EVENT)
+    return BurstInput(
+        burst,
+        arrivals,
+        edges,
+        spectra,
+        sources,
+        PUBLISHED_TRACK,
+        channels,
+        origin=Origin.EVENT,
+        collapsed=collapsed_of(timed_event(SHARED)),
+    )
+
+
+def collapsed_of(timed: TimedBurst | None) -> pd.DataFrame | None:
+    """Light curves of a burst on the time axis of its shared profile, to be drawn; None where it has none.
+
+    Parameters
+    ----------
+    timed : TimedBurst or None
+
+    Returns
+    -------
+    DataFrame or None
+    """
+    return collapsed_samples(timed.collapsed) if timed and timed.collapsed else None
 
 
 def _event_sources() -> tuple[SourceFile, ...]:

@@ -61,11 +61,12 @@ def settings_of_old(tmp_path: Path) -> Settings:
 
 @pytest.fixture
 def settings_with_figures(tmp_path: Path) -> Settings:
-    """Home folder with one solution, of which one figure was drawn."""
+    """Home folder with one solution, of which two figures were drawn."""
     settings = settings_of(tmp_path / "home")
     with Catalogue.open(settings.catalogue_url, create=True) as catalogue:
         solution = published(settings, catalogue, edge="gauss_hermite")
-    figure = settings.fit_figure(solution.burst_id, solution.solution_id, "polar-fit")
-    figure.parent.mkdir(parents=True)
-    figure.write_bytes(b"\x89PNG\r\n\x1a\n")
+    for name in ("polar-fit", "shared-profile"):
+        figure = settings.fit_figure(solution.burst_id, solution.solution_id, name)
+        figure.parent.mkdir(parents=True, exist_ok=True)
+        figure.write_bytes(b"\x89PNG\r\n\x1a\n")
     return settings

@@ -75,6 +75,8 @@ def test_json_of_the_api_and_all_tables_hold_the_same_numbers(client: TestClient
         for column in ("phi0_deg", "range_low_rsun", "v_sw_high_km_s"):
             assert found[column] == [one["solutions"][0][column] for one in bursts], name
         assert found["solution_id"] == [one["preferred_solution"] for one in bursts], name
+        for column in ("origin", "grade", "tier"):
+            assert found[column] == [one[column] for one in bursts], name
 
 
 def test_localisations_are_those_of_the_track_to_the_last_digit(client: TestClient) -> None:

@@ -8,15 +8,17 @@ from fastapi.testclient import TestClient
 
 from api.app import create_app
 from bella.catalogue import Catalogue, SourceFile
+from bella.formats import BURSTS
 from bella.records import Origin
 from bella.settings import Settings
 from tests.api.published import ONSET, published, settings_of, synthetic_burst
 from tests.api.test_pages import page
 from tests.catalogue.test_detections import DAY, heard
+from tests.formats.reading import read_back
 from tests.plotting.synthetic import BURST_ID
 
 SIM, TEST, SUBMITTED = "SIM-20120607-1929", "TEST-20120607-1929", "S-20120607-aaaaaaaaaa"
-BURSTS = {SIM: Origin.SIMULATED, TEST: Origin.TEST, SUBMITTED: Origin.SUBMISSION}
+OTHERS = {SIM: Origin.SIMULATED, TEST: Origin.TEST, SUBMITTED: Origin.SUBMISSION}
 
 
 @pytest.fixture(scope="module")
@@ -27,7 +29,7 @@ def home(tmp_path_factory: pytest.TempPathFactory) -> Settings:
         published(settings, catalogue)
         published(settings, catalogue, inputs_hash="b" * 64)
         published(settings, catalogue, burst=synthetic_burst(burst_id="T3-20120607-2100"))
-        for burst_id, origin in BURSTS.items():
+        for burst_id, origin in OTHERS.items():
             published(settings, catalogue, burst=replace(synthetic_burst(burst_id=burst_id), origin=origin))
         catalogue.retract("T3-20120607-2100", "timed on <interference>")
         catalogue.record_day(DAY, [heard(3)])
@@ -50,7 +52,7 @@ def reader(home: Settings) -> Iterator[TestClient]:
         ("?origin=test", {TEST}),
         ("?origin=submission", {SUBMITTED}),
         ("?retracted=true", {BURST_ID, SUBMITTED, "T3-20120607-2100"}),
-        ("?origin=all", {BURST_ID, *BURSTS}),
+        ("?origin=all", {BURST_ID, *OTHERS}),
     ],
 )
 def test_lists_hold_what_is_asked_for(reader: TestClient, query: str, expected: set[str]) -> None:
@@ -58,7 +60,7 @@ def test_lists_hold_what_is_asked_for(reader: TestClient, query: str, expected: 
     assert {one["burst_id"] for one in reply["bursts"]} == expected
     assert reply["total"] == len(expected)
     html = reader.get(f"/{query}", headers={"Accept": "text/html"}).text
-    for burst_id in (BURST_ID, *BURSTS, "T3-20120607-2100"):
+    for burst_id in (BURST_ID, *OTHERS, "T3-20120607-2100"):
         assert (f'href="/bursts/{burst_id}"' in html) == (burst_id in expected)
 
 
@@ -70,7 +72,7 @@ def test_an_unknown_origin_is_refused_everywhere(reader: TestClient) -> None:
     assert reader.get("/days?origin=martian").status_code == 422
 
 
-@pytest.mark.parametrize(("burst_id", "origin"), BURSTS.items())
+@pytest.mark.parametrize(("burst_id", "origin"), OTHERS.items())
 def test_page_api_and_csv_name_the_origin(reader: TestClient, burst_id: str, origin: Origin) -> None:
     reply = reader.get(f"/api/v1/bursts/{burst_id}").json()
     assert reply["origin"] == origin
@@ -150,6 +152,15 @@ def test_a_retracted_burst_is_a_tombstone_everywhere(reader: TestClient) -> None
     assert "timed on &lt;interference&gt;" in html
     assert "<interference>" not in html
     assert '<p class="answer"' not in html
+
+
+def test_tables_name_the_origin_and_the_reason_of_a_retraction(reader: TestClient) -> None:
+    rows = reader.get("/api/v1/bursts?retracted=true&origin=all&format=parquet")
+    found = read_back("parquet", rows.content, BURSTS)
+    said = dict(zip(found["burst_id"], zip(found["origin"], found["retracted"], strict=True), strict=True))
+    assert said["T3-20120607-2100"] == ("archive", "timed on <interference>")
+    assert said[BURST_ID][1] == ""
+    assert {origin for origin, _ in said.values()} >= {"archive", "submission", "simulated"}
 
 
 def test_every_solution_lists_its_source_files(reader: TestClient) -> None:

@@ -140,10 +140,11 @@ def test_figures_of_a_solution_are_shown_once_they_are_drawn(settings_with_figur
     with TestClient(create_app(settings_with_figures)) as other:
         text = page(other, f"/bursts/{BURST_ID}")
         addresses = re.findall(r'<img src="(/api/[^"]+)"', text)
-        assert len(addresses) == 1
-        reply = other.get(addresses[0])
-        assert (reply.status_code, reply.headers["content-type"]) == (200, "image/png")
-        assert "immutable" in reply.headers["cache-control"]
+        assert [address.rpartition("/")[2] for address in addresses] == ["polar-fit", "shared-profile"]
+        assert "shifted and stretched onto the profile that they share" in text
+        for reply in map(other.get, addresses):
+            assert (reply.status_code, reply.headers["content-type"]) == (200, "image/png")
+            assert "immutable" in reply.headers["cache-control"]
         missing = other.get(addresses[0].replace("polar-fit", "density"))
         assert missing.status_code == 404
         assert "run the burst again" in missing.json()["detail"]

@@ -26,6 +26,7 @@ HEARD = Detection(
     tier="localisable",
     reason="",
     burst_id=BURST_ID,
+    flux_sfu_1au=3.2e5,
 )
 
 

@@ -130,7 +130,8 @@ def test_figures_are_pictures(first_run: FirstRun) -> None:
         f"{edge}.posterior.default.2d.v1" for edge in ("gauss_hermite", "half_maximum", "half_rise", "shared_profile")
     ]
     fits = [f"{name}-{one}.png" for name in ("polar-fit", "density") for one in series]
-    for name in ("constellation-posterior-default.png", "spectra.png", *fits):
+    profile = "shared-profile-shared_profile.posterior.default.2d.v1.png"
+    for name in ("constellation-posterior-default.png", "spectra.png", profile, *fits):
         path = sandbox.home / "figures" / BURST / name
         assert str(path) in done.stdout
         content = path.read_bytes()

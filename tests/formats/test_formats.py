@@ -125,6 +125,7 @@ def test_every_column_has_a_meaning_and_a_unit_that_its_name_carries(schema: Sch
         "_km_s": "km/s",
         "_s": "s",
         "_d": "d",
+        "_sfu_1au": "10**4 Jy",
     }
     assert len(set(schema.names)) == len(schema.names)
     assert schema.time in schema.names
@@ -141,6 +142,17 @@ def test_ecsv_has_units_and_times_that_astropy_knows(detections: RecordTable) ->
     assert table["start_utc"].scale == "utc"
     assert table["start_utc"][0].isot == "2012-06-07T19:29:15.500000"
     assert table["score"].info.description == "Of the matched filter, in standard deviations of noise."
+
+
+def test_a_flux_density_is_in_solar_flux_units_and_its_unit_says_how_large_they_are(detections: RecordTable) -> None:
+    table = record_table(
+        DETECTIONS, [row | {"flux_sfu_1au": 250.0, "origin": "archive"} for row in rows_of(detections)]
+    )
+    read = QTable.read(FORMATS["ecsv"].write(table).decode(), format="ascii.ecsv")
+    assert read["flux_sfu_1au"][0].to_value("W m-2 Hz-1") == pytest.approx(250.0 * 1e-22)
+    fields = {one.name: one for one in parse(io.BytesIO(FORMATS["votable"].write(table))).get_first_table().fields}
+    assert (1 * fields["flux_sfu_1au"].unit).to_value("Jy") == pytest.approx(1e4)
+    assert json.loads(FORMATS["json"].write(table))["rows"][0]["origin"] == "archive"
 
 
 def test_votable_has_units_ucds_and_a_time_system(detections: RecordTable) -> None:

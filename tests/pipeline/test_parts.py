@@ -139,6 +139,14 @@ def test_only_expected_errors_of_a_companion_are_recorded(error: Exception) -> N
         attempted(lambda: {"ratio": 1 / 0})
 
 
+def test_light_curves_of_the_built_in_event_are_carried_on_their_shared_profile() -> None:
+    given = load_burst(EVENT.name, Path("nowhere"))
+    assert given.collapsed is not None
+    assert set(given.collapsed["observatory"]) == set(EVENT.observatories)
+    near = given.collapsed[given.collapsed["widths"].abs() < 0.2]
+    assert near["height"].median() == pytest.approx(0.5, abs=0.1), "half of the rise is the zero of the time axis"
+
+
 def test_burst_of_one_frequency_is_published_without_a_spiral(tmp_path: Path, located: Any) -> None:
     """Positions are worth having where there are too few of them for a track."""
     settings = Settings(home=tmp_path, draws=200)

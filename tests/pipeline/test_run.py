@@ -17,12 +17,13 @@ import pytest
 from fastapi.testclient import TestClient
 
 from api.app import create_app
+from bella.bursts.timing import SHARED
 from bella.catalogue import BurstQuery, Catalogue
 from bella.pipeline.outcome import DayOutcome, UnfinishedError, check_finished
 from bella.pipeline.run import Direct, Run, process_days
 from bella.pipeline.workers import Workers
 from bella.records import DayAnswer, Origin
-from bella.settings import Settings
+from bella.settings import COLLAPSED_FIGURE, Settings
 from bella.simulation.archive_days import simulate_days, sky_of
 from bella.simulation.burst import source_position_rsun
 from tests.commands import BELLA, Sandbox
@@ -125,6 +126,16 @@ def test_every_burst_is_in_the_catalogue_with_its_reason(refined: Refined) -> No
         assert (one.burst_id == "") == (one.tier == "rejected"), one
     assert {name for name, _ in refined.late.refused} == {one.burst_id for one in found if one.tier == "catalogued"}
     assert green(refined.settings.day_figure(DAY, Origin.SIMULATED)) > 0.0, "boxes of bursts that were localised"
+
+
+def test_light_curves_on_their_shared_profile_are_drawn_for_bursts_timed_by_it(refined: Refined) -> None:
+    solutions = [one.solution for one in refined.late.localised]
+    drawn = {
+        one.solution_id: refined.settings.fit_figure(one.burst_id, one.solution_id, COLLAPSED_FIGURE).is_file()
+        for one in solutions
+    }
+    assert drawn == {one.solution_id: one.series.edge == SHARED for one in solutions}
+    assert any(drawn.values())
 
 
 def test_two_spacecraft_give_a_preliminary_track_at_once(refined: Refined) -> None:

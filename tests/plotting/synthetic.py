@@ -11,7 +11,7 @@ RECEIVERS = {"WIND": (216.0, 0.0), "STEREO-A": (206.0, 116.7), "STEREO-B": (215.
 REFERENCE = "2012-06-07T19:21:00Z"
 BURST_ID = "T3-20120607-1929"
 PERIOD_D = 24.47
-FITS = {"gauss_hermite": (30.0, 400.0), "half_maximum": (14.0, 1900.0)}
+FITS = {"gauss_hermite": (30.0, 400.0), "half_maximum": (14.0, 1900.0), "shared_profile": (14.0, 1900.0)}
 VERTICES = 73
 UNITS = {"frequency": "MHz", "x_rsun": "solRad", "area68_rsun2": "solRad2", "arrival_s": "s"}
 
