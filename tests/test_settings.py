@@ -23,11 +23,18 @@ def test_every_setting_says_what_it_is(name) -> None:
 @pytest.mark.parametrize("name", FIELDS)
 def test_every_setting_has_an_environment_variable(name, monkeypatch) -> None:
     default = getattr(Settings(), name)
-    monkeypatch.setenv(f"BELLA_{name.upper()}", "/elsewhere/7" if isinstance(default, Path | None) else "7")
+    monkeypatch.setenv(f"BELLA_{name.upper()}", _other(default))
 
     value = getattr(Settings(), name)
     assert value != default
-    assert str(value) in {"/elsewhere/7", "7", "7.0"}
+    assert str(value) in {"/elsewhere/7", "7", "7.0", "True"}
+
+
+def _other(default: object) -> str:
+    """Text of a value that is not the default."""
+    if isinstance(default, bool):
+        return "1"
+    return "/elsewhere/7" if isinstance(default, Path | None) else "7"
 
 
 def test_the_catalogue_is_a_file_in_the_home_folder_unless_a_database_is_named(monkeypatch, tmp_path) -> None:

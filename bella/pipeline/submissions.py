@@ -1,11 +1,13 @@
 """Arrival tables that were submitted and wait to be localised."""
 
+import hashlib
 from contextlib import closing
+from pathlib import Path
 
 import structlog
 
 from bella.catalogue import Catalogue, Submission
-from bella.exceptions import BellaError, StoreError
+from bella.exceptions import BellaError, InputError, StoreError
 from bella.pipeline.run import Run, process_subject
 
 log = structlog.get_logger(__name__)
@@ -34,6 +36,7 @@ def process_submissions(run: Run) -> int:
 
 def _process_submission(catalogue: Catalogue, waiting: Submission, run: Run) -> bool:
     try:
+        check_unchanged(waiting, run.settings.incoming_root)
         done = process_subject(waiting.submission_id, run)
     except Exception as error:  # noqa: BLE001 - whatever ended one must not end the others; it is noted with it
         _note_failure(catalogue, waiting, error)
@@ -43,6 +46,25 @@ def _process_submission(catalogue: Catalogue, waiting: Submission, run: Run) -> 
         return False
     catalogue.mark_submission(waiting.submission_id, state="done", message="", burst_id=done.burst_id)
     return True
+
+
+def check_unchanged(waiting: Submission, incoming: Path) -> None:
+    """Refuse a table that is not the one that was submitted.
+
+    Parameters
+    ----------
+    waiting : Submission
+    incoming : Path
+        Folder of the submitted tables.
+
+    Raises
+    ------
+    InputError
+        If its checksum is another one.
+    """
+    table = incoming / f"{waiting.submission_id}.csv"
+    if table.is_file() and hashlib.sha256(table.read_bytes()).hexdigest() != waiting.sha256:
+        raise InputError(f"{table.name} was changed after it was submitted: submit it again")
 
 
 def _note_failure(catalogue: Catalogue, waiting: Submission, error: Exception) -> None:

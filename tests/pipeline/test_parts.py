@@ -18,7 +18,7 @@ from typer.testing import CliRunner
 from api.app import create_app
 from bella.arrivals import arrivals_csv, locate_receivers
 from bella.bursts import EVENT, half_maximum_arrivals, published_arrivals
-from bella.catalogue import Catalogue, Series
+from bella.catalogue import Catalogue, Series, Submission
 from bella.cli import app
 from bella.exceptions import BusyError, GeometryError, InputError, NoDataError, StoreError, UnreachableError
 from bella.flags import APPARENT_SOURCE
@@ -26,8 +26,10 @@ from bella.multilateration import localise
 from bella.pipeline import environment, progress
 from bella.pipeline.inputs import load_burst
 from bella.pipeline.publication import Draft, inputs_hash, publish, solution_flags
+from bella.pipeline.submissions import check_unchanged
 from bella.pipeline.surroundings import surroundings_of
 from bella.pipeline.tracks import Timing, attempted, fitted_track
+from bella.records import Origin
 from bella.settings import Settings
 from bella.tracks.spiral import track_fit
 
@@ -75,22 +77,24 @@ def test_built_in_event_names_its_inputs() -> None:
     assert channels["frequency_mhz"].nunique() > given.arrivals["half_rise"]["frequency_mhz"].nunique()
 
 
-def test_submission_becomes_a_burst_named_by_its_onset(tmp_path: Path) -> None:
+def test_a_submission_becomes_a_burst_of_its_own(tmp_path: Path) -> None:
     table = published_arrivals(np.array([0.2, 2.0]))
     text = arrivals_csv(table)
     sha256 = hashlib.sha256(text.encode()).hexdigest()
-    (tmp_path / f"{sha256}.csv").write_text(text)
-    given = load_burst(sha256, tmp_path)
-    assert given.burst.burst_id == "T3-20120607-1929"
+    (tmp_path / "S-20120607-abcdefghij.csv").write_text(text)
+    given = load_burst("S-20120607-abcdefghij", tmp_path)
+    assert (given.burst.burst_id, given.burst.origin) == ("S-20120607-abcdefghij", Origin.SUBMISSION)
     assert (given.burst.f_low_mhz, given.burst.f_high_mhz) == (0.2, 2.0)
     assert given.spectra is None
     assert given.sources[0].sha256 == sha256
 
 
 def test_submission_that_was_changed_is_refused(tmp_path: Path) -> None:
-    (tmp_path / f"{'0' * 64}.csv").write_text(arrivals_csv(published_arrivals(np.array([0.2, 2.0]))))
-    with pytest.raises(InputError, match="hand it in again"):
-        load_burst("0" * 64, tmp_path)
+    moment = datetime(2012, 6, 8, tzinfo=UTC)
+    waiting = Submission("S-20120607-abcdefghij", "token", "0" * 64, "received", "", None, moment, moment)
+    (tmp_path / "S-20120607-abcdefghij.csv").write_text(arrivals_csv(published_arrivals(np.array([0.2, 2.0]))))
+    with pytest.raises(InputError, match="submit it again"):
+        check_unchanged(waiting, tmp_path)
 
 
 def test_track_of_a_solution_holds_every_method_and_its_draws_reach_the_store(tmp_path: Path) -> None:
