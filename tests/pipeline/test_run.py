@@ -210,7 +210,7 @@ def test_results_are_the_same_whatever_the_workers_and_after_one_was_killed(arch
     victim = subprocess.Popen([*command, "--direct"], env=environment, cwd=sandbox.elsewhere[0], start_new_session=True)
     store = sandbox.home / "store"
     until = time.monotonic() + 600
-    while not any(store.glob("T3-*/*posterior*.zarr")) and victim.poll() is None:
+    while not any(store.glob("SIM-*/*posterior*.zarr")) and victim.poll() is None:
         assert time.monotonic() < until
         time.sleep(0.02)
     os.killpg(victim.pid, signal.SIGKILL)
