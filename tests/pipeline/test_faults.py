@@ -15,7 +15,7 @@ import pytest
 from bella.archive import find_datasets
 from bella.arrivals import arrivals_csv
 from bella.bursts import half_maximum_arrivals
-from bella.catalogue import Catalogue
+from bella.catalogue import Catalogue, submission_name
 from bella.exceptions import BusyError, ConvergenceError, NotPlacedError, StoreError, UnreachableError
 from bella.pipeline.burst import SCIENCE_ERRORS, computed
 from bella.pipeline.mirror import Mirror
@@ -54,9 +54,10 @@ def submitted(home: Path) -> Settings:
     text = arrivals_csv(half_maximum_arrivals(np.geomspace(0.2, 2.0, 6)))
     sha256 = hashlib.sha256(text.encode()).hexdigest()
     settings.incoming_root.mkdir(parents=True)
-    (settings.incoming_root / f"{sha256}.csv").write_text(text)
+    name = submission_name(DAY)
+    (settings.incoming_root / f"{name}.csv").write_text(text)
     with closing(Catalogue.open(settings.catalogue_url, create=True)) as catalogue:
-        catalogue.submit(sha256, "table.csv")
+        catalogue.submit("token", sha256, name)
     return settings
 
 
@@ -150,7 +151,7 @@ def test_a_submission_whose_burst_is_being_done_goes_on_waiting(tmp_path: Path) 
     settings = submitted(tmp_path / "home")
     with (
         closing(Catalogue.open(settings.catalogue_url)) as catalogue,
-        catalogue.lease("localise", "T3-20120607-1929", "another", 60.0),
+        catalogue.lease("localise", catalogue.pending_submissions()[0].submission_id, "another", 60.0),
     ):
         assert process_submissions(run_of(settings)) == 0
         assert len(catalogue.pending_submissions()) == 1
