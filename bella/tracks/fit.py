@@ -285,7 +285,10 @@ def _flags(  # noqa: PLR0913, PLR0917
 ) -> list[str]:
     low, high = BEAM_SPEEDS_C
     wind, phi0 = summaries["v_sw_km_s"][0], summaries["phi0_deg"][0]
-    beams = summaries["beam_speed_c"] + summaries["local_speed_c"]
+    whole, *local = (
+        any((one.q16 or 0.0) > high or (one.q84 or 0.0) < low for one in summaries[name])
+        for name in ("beam_speed_c", "local_speed_c")
+    )
     applies = {
         "v_sw_not_constrained": (wind.contraction or 0.0) >= NOT_NARROWER,
         "phi0_not_constrained": (phi0.contraction or 0.0) >= NOT_CONSTRAINED,
@@ -297,15 +300,15 @@ def _flags(  # noqa: PLR0913, PLR0917
         "edges_differ": quality.added >= EDGES_DIFFER,
         "clock_offset": bool(quality.clocks),
         "two_spacecraft": quality.shared_band < SHARED_BAND,
-        "beam_speed_unlikely": not is_orderly
-        or any((one.q16 or 0.0) > high or (one.q84 or 0.0) < low for one in beams),
+        "beam_speed_unlikely": not is_orderly or whole or any(local),
         "arrivals_down_weighted": quality.dropped > 0,
         "poor_weights": effective < GOOD_EFFECTIVE,
     }
     applies["not_one_source"] = (
         quality.width_share > WIDTHS_DIFFER
         or applies["not_a_spiral"]
-        or applies["beam_speed_unlikely"]
+        or not is_orderly
+        or whole
         or (applies["edges_differ"] and applies["clock_offset"])
     )
     return [name for name, on in applies.items() if on]

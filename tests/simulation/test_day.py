@@ -46,6 +46,7 @@ def test_twice_the_background_is_what_the_unit_makes_of_it(dataset: str) -> None
         "voltage_ratio": np.sqrt(2.0) * background,
         "psd_v2_hz": 2.0 * background,
         "flux_w_m2_hz": background,
+        "db_over_background": np.full_like(background, 10.0 * np.log10(2.0)),
     }[instrument.quantity]
     twice = Conditions(gain=Gain(0.0, 10.0 * np.log10(2.0), 0.0))
     lifted = observe_scene(instrument, Scene(MIDNIGHT, (), twice), BETWEEN_S, np.random.default_rng(1))
