@@ -31,6 +31,7 @@ import numpy as np
 from bella.archive import find_datasets
 from bella.catalogue import BurstQuery, Catalogue
 from bella.exceptions import BellaError
+from bella.records import Origin
 from bella.settings import Settings
 from bella.simulation.archive_days import write_spectra
 from bella.simulation.day import Scene, observe_scene
@@ -40,6 +41,10 @@ from bella.simulation.strata import isolated_burst
 from bella.store import open_group
 
 BELLA = str(Path(sys.executable).with_name("bella"))
+FIRST_GUESS_S = 5.0
+"""How long a run takes, until one has been timed: less than any, so that the first kills hit."""
+
+SIMULATED = frozenset({Origin.SIMULATED})
 FIRST_DAY = date(2021, 11, 1)
 DAY = timedelta(days=1)
 
@@ -231,7 +236,7 @@ def disturb(home: Home, days: Sequence[date], kills: int, plan: Plan, rng: rando
     for _ in range(kills):
         process = home.start(days)
         with suppress(subprocess.TimeoutExpired):
-            process.wait(rng.uniform(0.0, 1.2 * statistics.mean(home.runs_s or [20.0])))
+            process.wait(rng.uniform(0.0, 1.2 * statistics.mean(home.runs_s or [FIRST_GUESS_S])))
         if process.poll() is None:
             home.met("killed")
         with suppress(ProcessLookupError):
@@ -282,7 +287,7 @@ def replay(home: Home, plan: Plan, steps: list[list[tuple[Path, str]]], source: 
 
 
 def _solutions(catalogue: Catalogue) -> list[Any]:
-    bursts = catalogue.bursts(BurstQuery(limit=1000)).bursts
+    bursts = catalogue.bursts(BurstQuery(limit=1000, origins=SIMULATED)).bursts
     return [one for burst in bursts for one in catalogue.versions(burst.burst.burst_id)]
 
 
@@ -296,14 +301,14 @@ def export(home: Home, plan: Plan) -> dict[str, Any]:
     with closing(Catalogue.open(home.settings.catalogue_url)) as catalogue:
         solutions = sorted(_solutions(catalogue), key=lambda one: str(one.solution_id))
         found = {
-            "bursts": [_told(one.burst) for one in catalogue.bursts(BurstQuery(limit=1000)).bursts],
+            "bursts": [_told(one.burst) for one in catalogue.bursts(BurstQuery(limit=1000, origins=SIMULATED)).bursts],
             "solutions": [_told(one) for one in solutions],
             "localisations": {
                 one.solution_id: [_told(row) for row in catalogue.localisations(one.solution_id)] for one in solutions
             },
             "tracks": {one.solution_id: catalogue.track_fit(one.solution_id) for one in solutions},
-            "days": [_told(day) for day in map(catalogue.searched_day, plan.all_days) if day is not None],
-            "detections": [[_told(one) for one in catalogue.detections_of(day)] for day in plan.all_days],
+            "days": [_told(day) for day in (catalogue.searched_day(one, SIMULATED) for one in plan.all_days) if day],
+            "detections": [[_told(one) for one in catalogue.detections_of(day, SIMULATED)] for day in plan.all_days],
         }
     plain: dict[str, Any] = json.loads(json.dumps(found, default=str, sort_keys=True))
     return plain
