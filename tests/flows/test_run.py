@@ -213,8 +213,8 @@ def test_other_preset_is_another_series_and_leaves_the_answer_as_it_was(direct_r
     answer = sandbox.bella("catalogue", "list", "--json").stdout
     figures = sandbox.home / "figures" / BURST
     kept = (figures / "constellation-posterior-default.png").read_bytes()
-    done = sandbox.bella("run", "--direct", "--preset", "robust", "--json")
-    assert (figures / "constellation-posterior-robust.png").read_bytes() != kept
+    done = sandbox.bella("run", "--direct", "--preset", "bella-2024", "--json")
+    assert (figures / "constellation-posterior-bella-2024.png").read_bytes() != kept
     assert (figures / "constellation-posterior-default.png").read_bytes() == kept
     rows = json.loads(done.stdout)
     assert [(row["new"], row["preferred"]) for row in rows] == [(True, False)] * 4
