@@ -77,7 +77,7 @@ def test_spectra_of_a_folder_are_searched_timed_and_kept_as_those_of_a_user(fold
     assert kept == sums
     assert settings.day_figure(DAY, Origin.USER).is_file()
 
-    again = CliRunner().invoke(app, command, env=environment)
+    again = CliRunner().invoke(app, [*command, "--json"], env=environment)
     assert "nothing new" in again.stdout
 
 
