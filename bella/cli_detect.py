@@ -58,7 +58,7 @@ def detect(
 
 
 def read_fleet(paths: list[Path]) -> "tuple[dict[str, xr.Dataset], int]":
-    """One spectrum per spacecraft from files; each that cannot be read is told on the standard error and left out.
+    """One spectrum per spacecraft from files; each that cannot be read is reported on the standard error and left out.
 
     Parameters
     ----------

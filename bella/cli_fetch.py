@@ -105,7 +105,7 @@ def _follow(settings: "Settings") -> None:
 
 def _beat(alive: Path) -> "Callable[[], None]":
     def _touch() -> None:
-        with suppress(OSError):  # a full disk ends the round, and is told there
+        with suppress(OSError):  # a full disk ends the round, which reports it
             alive.touch()
 
     return _touch

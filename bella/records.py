@@ -295,7 +295,7 @@ class AlertSource(Record):
 
 
 class Alert(Record):
-    """What is told of a burst when its answer changes, as it was at that moment."""
+    """What an alert says of a burst when its answer changes, as it was at that moment."""
 
     sequence: int = Field(description="Of all alerts in the order of their commits, from 1, without gaps.")
     record_number: int = Field(description="Of the alerts of this burst, from 1.")

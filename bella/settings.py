@@ -163,7 +163,7 @@ class Settings(BaseSettings):
 
     @property
     def incoming_root(self) -> Path:
-        """Folder of the arrival tables that were handed in and wait for the next run."""
+        """Folder of the submitted arrival tables that wait for the next run."""
         return self.home / "incoming"
 
     @property

@@ -54,7 +54,7 @@ in units of c that fits best, ``flux_sfu_1au`` the largest flux density at 1 au,
 not state it, ``burst_id`` is empty until spacecraft are compared."""
 
 FEWEST_MINUTES = BEFORE_RECORDS + 2
-"""Those before a rise that it is held against, and two of the rise."""
+"""Minutes before a rise that it is compared with, and two of the rise."""
 
 BAND_EDGE = float(np.sqrt(FREQUENCY_MHZ[1] / FREQUENCY_MHZ[0]))
 """Half a channel of the grid, as a factor."""

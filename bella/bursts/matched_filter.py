@@ -3,7 +3,7 @@
 The grid has minutes, and channels evenly spaced in the logarithm of frequency. A receiver that visits a channel less
 often than every minute has each sample in all the minutes that are nearest to it; its noise is that of samples.
 
-In every channel the mean over the rise and early decay of a burst is held against the mean of the minutes before it.
+In every channel the mean over the rise and early decay of a burst is compared with the mean of the minutes before it.
 Channels are then shifted by the delay of a beam through the heliosphere and summed, for several beam speeds, for no
 drift, and for beams that would fall into the Sun: what fits about as well without a drift, or upwards, is no beam that
 leaves the Sun, or too narrow a band to tell.
@@ -320,7 +320,7 @@ TEMPLATE_RISE_S, TEMPLATE_RISE_SLOPE = 1.5, -0.77
 """Half width of the rise of the pulse at 30 MHz, and its slope: Reid & Kontar 2018, A&A 614, A69. Many bursts rise more
 slowly at low frequencies; the onset, which the minute of a match is, then is where a fast one would begin."""
 BEFORE_RECORDS = 8
-"""So many minutes before the rise are what it is held against."""
+"""Minutes before the rise that it is compared with."""
 
 
 class Match(NamedTuple):

@@ -21,7 +21,7 @@ RULE, PERSON = "rule", "person"
 
 @dataclass(frozen=True)
 class SourceFile:
-    """One input: an archive file of one day, or an arrival table that was handed in."""
+    """One input: an archive file of one day, or a submitted arrival table."""
 
     dataset: str
     day: date

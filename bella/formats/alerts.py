@@ -19,7 +19,7 @@ from bella.records import Alert, AlertSource, AlertType, Origin
 SCHEMA_FILE = "alert.schema.json"
 ATOM = "http://www.w3.org/2005/Atom"
 RECENT = timedelta(days=7)
-"""A burst that is told of later than this is `archival`: the first data of most receivers come within some days."""
+"""A burst whose alert comes later than this is `archival`: the first data of most receivers come within some days."""
 
 _GCN_TYPE = {AlertType.PRELIMINARY: "initial", AlertType.UPDATE: "update", AlertType.RETRACTION: "retraction"}
 _COVARIANCE = ("xx", "xy", "yy", "xz", "yz", "zz")

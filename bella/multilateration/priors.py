@@ -195,7 +195,7 @@ knows that there is one among four, but not always which."""
 
 @dataclass(frozen=True)
 class Thresholds:
-    """From where on a reader is told something; numbers that only steer a method stand beside it.
+    """Limits from which on a flag is raised; numbers that only steer a method stand beside it.
 
     Attributes
     ----------

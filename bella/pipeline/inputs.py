@@ -1,4 +1,4 @@
-"""What a run starts from: the built-in burst, or an arrival table that was handed in."""
+"""What a run starts from: the built-in burst, or a submitted arrival table."""
 
 import hashlib
 from collections.abc import Iterable, Mapping
@@ -32,7 +32,7 @@ from bella.records import Origin
 from bella.spectra import event_spectra
 
 SUBMISSIONS = "arrival_table"
-"""Name of the dataset of arrival tables that were handed in."""
+"""Name of the dataset of submitted arrival tables."""
 
 
 @dataclass(frozen=True)
@@ -47,7 +47,7 @@ class BurstInput:
     channel_edges : mapping of str to DataFrame
         What is drawn on the spectra, by definition of the edge.
     spectra : DataTree or None
-        One DynamicSpectrum per observatory; None where only arrival times were handed in.
+        One DynamicSpectrum per observatory; None where only arrival times were submitted.
     sources : tuple of SourceFile
     published_track : mapping
         What a paper says of the track; empty where there is none.
@@ -95,13 +95,13 @@ def origin_of(spectra: Iterable[xr.Dataset]) -> Origin:
 
 
 def load_burst(subject: str, incoming: Path) -> BurstInput:
-    """Load the built-in event by its date, or a table that was handed in by the id of its submission.
+    """Load the built-in event by its date, or a submitted table by the id of its submission.
 
     Parameters
     ----------
     subject : str
     incoming : Path
-        Folder of the tables that were handed in.
+        Folder of the submitted tables.
 
     Returns
     -------
@@ -125,7 +125,7 @@ def check_subject(subject: str, incoming: Path) -> None:
     ----------
     subject : str
     incoming : Path
-        Folder of the tables that were handed in.
+        Folder of the submitted tables.
 
     Raises
     ------

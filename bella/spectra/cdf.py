@@ -212,7 +212,7 @@ class CdfFile:
 
 @contextmanager
 def open_cdf(path: Path) -> Iterator[CdfFile]:
-    """Open a CDF, packed as .cdf.gz too; whatever goes wrong while it is open is told as an error of this file.
+    """Open a CDF, packed as .cdf.gz too; whatever goes wrong while it is open is raised as an error of this file.
 
     Parameters
     ----------
