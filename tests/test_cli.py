@@ -33,6 +33,16 @@ COMMANDS = [
     ["catalogue", "list"],
     ["catalogue", "show"],
     ["catalogue", "prefer"],
+    ["catalogue", "retract"],
+    ["prune"],
+    ["store", "verify"],
+    ["token", "create"],
+    ["token", "list"],
+    ["token", "revoke"],
+    ["webhook", "add"],
+    ["webhook", "list"],
+    ["webhook", "deliver"],
+    ["webhook", "remove"],
 ]
 
 
@@ -58,7 +68,8 @@ def test_every_command_has_help_with_an_example(command: list[str]) -> None:
 def test_every_option_says_what_it_is() -> None:
     group = typer.main.get_command(app)
     commands = dict(group.commands)  # type: ignore[attr-defined]
-    commands |= commands.pop("catalogue").commands
+    for name in ("catalogue", "token", "webhook", "store"):
+        commands |= commands.pop(name).commands
     for name, command in commands.items():
         for option in command.params:
             if option.name not in {"help", "limit", "burst_id"}:
@@ -99,7 +110,10 @@ def test_readme_commands_exist() -> None:
         known = [command for command in COMMANDS if words[: len(command)] == command]
         assert known, line
         options = {word for word in words if word.startswith("--")}
-        assert options <= set(re.findall(r"--[a-z]+", printed(*known[0], "--help"))), line
+        text_of_help = printed(*known[0], "--help")
+        assert options <= set(re.findall(r"--[a-z]+", text_of_help)), line
+        required = re.findall(r"(--[a-z-]+) .*\[required\]", text_of_help)
+        assert options >= set(required), line
 
 
 def test_readme_links_lead_somewhere() -> None:

@@ -11,8 +11,8 @@ from rich.console import Console
 from rich.progress import Progress
 from rich.table import Table
 
-from bella.cli_ephemeris import know_updates
-from bella.cli_output import write_whole
+from bella.cli.ephemeris import know_updates
+from bella.cli.output import write_whole
 from bella.exceptions import BellaError, InputError
 from bella.flags import REJECTED
 

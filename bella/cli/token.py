@@ -6,7 +6,7 @@ from typing import Annotated
 
 import typer
 
-from bella.cli_catalogue import AsJson, Home, new_table, open_catalogue, out, say, settings_of
+from bella.cli.catalogue import AsJson, Home, new_table, open_catalogue, out, say, settings_of
 
 token_app = typer.Typer(help="Make and revoke the tokens that arrival tables are submitted with.", no_args_is_help=True)
 

@@ -6,7 +6,7 @@ from typing import Annotated
 
 import typer
 
-from bella.cli_catalogue import AsJson, Home, new_table, open_catalogue, out, say, settings_of
+from bella.cli.catalogue import AsJson, Home, new_table, open_catalogue, out, say, settings_of
 from bella.exceptions import InputError
 
 webhook_app = typer.Typer(help="Add and remove the addresses that alerts are sent to.", no_args_is_help=True)

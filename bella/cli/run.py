@@ -13,7 +13,7 @@ from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
 from rich.table import Table
 
-from bella.cli_catalogue import fit_table, open_catalogue, say, say_answer, track_table
+from bella.cli.catalogue import fit_table, open_catalogue, say, say_answer, track_table
 from bella.logs import log_to
 
 if TYPE_CHECKING:

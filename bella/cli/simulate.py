@@ -8,9 +8,9 @@ from typing import Annotated
 import typer
 from rich.console import Console
 
-from bella.cli_ephemeris import know_updates
-from bella.cli_fetch import day_option
-from bella.cli_output import steps, write_whole
+from bella.cli.ephemeris import know_updates
+from bella.cli.fetch import day_option
+from bella.cli.output import steps, write_whole
 from bella.exceptions import InputError
 
 out = Console()

@@ -1,4 +1,4 @@
-"""The ``bella`` command: reads options, calls a room, prints what it returns."""
+"""All commands of ``bella``, in the order in which help shows them."""
 
 import json
 import os
@@ -10,15 +10,11 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 from rich.console import Console
 
-from bella.threads import ONE_THREAD
-
-os.environ.update({**ONE_THREAD, **os.environ})  # before anything loads numpy
-
-from bella.cli_arrivals import EPILOG as ARRIVALS_EPILOG
-from bella.cli_arrivals import arrivals
-from bella.cli_calibration import EPILOG as CALIBRATE_EPILOG
-from bella.cli_calibration import calibrate
-from bella.cli_catalogue import (
+from bella.cli.arrivals import EPILOG as ARRIVALS_EPILOG
+from bella.cli.arrivals import arrivals
+from bella.cli.calibrate import EPILOG as CALIBRATE_EPILOG
+from bella.cli.calibrate import calibrate
+from bella.cli.catalogue import (
     AsJson,
     Home,
     catalogue_app,
@@ -26,27 +22,27 @@ from bella.cli_catalogue import (
     open_catalogue,
     settings_of,
 )
-from bella.cli_coverage import EPILOG as COVERAGE_EPILOG
-from bella.cli_coverage import coverage
-from bella.cli_detect import EPILOG as DETECT_EPILOG
-from bella.cli_detect import detect
-from bella.cli_ephemeris import EPILOG as EPHEMERIS_EPILOG
-from bella.cli_ephemeris import UPDATE_EPILOG, ephemeris, know_updates, update_ephemeris
-from bella.cli_fetch import EPILOG as FETCH_EPILOG
-from bella.cli_fetch import day_range, fetch
-from bella.cli_fit_track import EPILOG as FIT_TRACK_EPILOG
-from bella.cli_fit_track import fit_track
-from bella.cli_output import write_whole
-from bella.cli_prune import EPILOG as PRUNE_EPILOG
-from bella.cli_prune import prune
-from bella.cli_run import Asked, pipeline, progress_bars, run_days, run_event, run_folder
-from bella.cli_simulate import EPILOG as SIMULATE_EPILOG
-from bella.cli_simulate import simulate
-from bella.cli_spectra import EPILOG as FORMATS_EPILOG
-from bella.cli_spectra import formats
-from bella.cli_store import store_app
-from bella.cli_token import token_app
-from bella.cli_webhook import webhook_app
+from bella.cli.coverage import EPILOG as COVERAGE_EPILOG
+from bella.cli.coverage import coverage
+from bella.cli.detect import EPILOG as DETECT_EPILOG
+from bella.cli.detect import detect
+from bella.cli.ephemeris import EPILOG as EPHEMERIS_EPILOG
+from bella.cli.ephemeris import UPDATE_EPILOG, ephemeris, know_updates, update_ephemeris
+from bella.cli.fetch import EPILOG as FETCH_EPILOG
+from bella.cli.fetch import day_range, fetch
+from bella.cli.fit_track import EPILOG as FIT_TRACK_EPILOG
+from bella.cli.fit_track import fit_track
+from bella.cli.formats import EPILOG as FORMATS_EPILOG
+from bella.cli.formats import formats
+from bella.cli.output import write_whole
+from bella.cli.prune import EPILOG as PRUNE_EPILOG
+from bella.cli.prune import prune
+from bella.cli.run import Asked, pipeline, progress_bars, run_days, run_event, run_folder
+from bella.cli.simulate import EPILOG as SIMULATE_EPILOG
+from bella.cli.simulate import simulate
+from bella.cli.store import store_app
+from bella.cli.token import token_app
+from bella.cli.webhook import webhook_app
 from bella.exceptions import BellaError, InputError
 from bella.flags import APPARENT_SOURCE
 from bella.logs import log_to
@@ -272,7 +268,3 @@ def _write_draws(posterior: Any, path: Path) -> None:
     verify_group(staged, posterior)
     place_group(staged, path.parent, path.name)
     staged.parent.rmdir()
-
-
-if __name__ == "__main__":
-    main()

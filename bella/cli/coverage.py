@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 from rich.console import Console
 
-from bella.cli_ephemeris import instant, know_updates
-from bella.cli_output import steps
+from bella.cli.ephemeris import instant, know_updates
+from bella.cli.output import steps
 from bella.exceptions import InputError
 
 if TYPE_CHECKING:

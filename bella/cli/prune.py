@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from bella.cli_catalogue import AsJson, Home, out, say, settings_of
+from bella.cli.catalogue import AsJson, Home, out, say, settings_of
 from bella.exceptions import InputError
 
 EPILOG = "Example: bella prune --older-than 180d --dry-run"

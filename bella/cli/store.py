@@ -6,8 +6,8 @@ from contextlib import closing
 import typer
 from rich.console import Console
 
-from bella.cli_catalogue import AsJson, Home, new_table, open_catalogue, say, settings_of
-from bella.cli_output import steps
+from bella.cli.catalogue import AsJson, Home, new_table, open_catalogue, say, settings_of
+from bella.cli.output import steps
 from bella.exceptions import StoreError
 
 out = Console()

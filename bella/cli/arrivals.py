@@ -8,9 +8,9 @@ from rich.box import SIMPLE_HEAD
 from rich.console import Console
 from rich.table import Table
 
-from bella.cli_detect import read_fleet, write_table
-from bella.cli_ephemeris import instant, know_updates
-from bella.cli_output import write_whole
+from bella.cli.detect import read_fleet, write_table
+from bella.cli.ephemeris import instant, know_updates
+from bella.cli.output import write_whole
 from bella.exceptions import InputError, NoDataError
 
 if TYPE_CHECKING:

@@ -8,8 +8,8 @@ from rich.box import SIMPLE_HEAD
 from rich.console import Console
 from rich.table import Table
 
-from bella.cli_ephemeris import know_updates
-from bella.cli_output import steps, write_whole
+from bella.cli.ephemeris import know_updates
+from bella.cli.output import steps, write_whole
 from bella.exceptions import InputError
 from bella.heliosphere.parker import SIDEREAL_ROTATION_D
 from bella.heliosphere.scattering import LITERATURE_DELAY, NO_DELAY, DirectionalDelay
