@@ -3,7 +3,7 @@ PYTHON ?= python3
 BIN := .venv/bin
 PIP := $(BIN)/pip --disable-pip-version-check
 
-.PHONY: help demo serve test acceptance fuzz lint bench calibrate found lock clean
+.PHONY: help demo serve test acceptance fuzz lint docs bench calibrate found lock clean
 
 help:  ## Say what can be made
 	@sed -n 's/^\([a-z]*\):.*  ## /  make \1\t/p' $(MAKEFILE_LIST) | expand -t 16
@@ -29,6 +29,10 @@ lint: .venv/test  ## Style, types, and who may import whom
 	$(BIN)/mypy
 	$(BIN)/lint-imports --no-cache | tail -n 12
 
+docs: .venv/docs  ## The documentation site, docs/_build/html (3 minutes); warnings are errors
+	OPENBLAS_NUM_THREADS=1 $(BIN)/sphinx-build -W --keep-going -q -b html docs docs/_build/html
+	@echo "docs/_build/html/index.html"
+
 bench: .venv/test  ## Measure what README claims about speed
 	$(BIN)/python -m benchmarks
 
@@ -45,7 +49,7 @@ lock:  ## Pin every dependency anew, without any registry address
 	.venv/lock/bin/uv pip compile $(LOCK_OPTIONS) --extra build --extra test -c .lock/runtime.txt -o .lock/test.txt pyproject.toml
 
 clean:  ## Remove what was installed and made here
-	rm -rf .venv bella-home test-artifacts
+	rm -rf .venv bella-home test-artifacts docs/_build docs/gallery
 
 LOCK_OPTIONS := --universal --fork-strategy fewest --python-version 3.11 --generate-hashes \
 	--no-annotate --no-header --quiet
@@ -61,6 +65,11 @@ LOCK_OPTIONS := --universal --fork-strategy fewest --python-version 3.11 --gener
 	@echo "Installing 160 pinned packages into .venv (1.2 GB; a minute or two, once) ..."
 	@$(PIP) install --quiet --no-deps --require-hashes -r .lock/runtime.txt
 	@$(PIP) install --quiet --no-build-isolation --no-deps --editable .
+	@touch $@
+
+.venv/docs: .lock/docs.txt .venv/runtime
+	@echo "Installing what the documentation needs into .venv ..."
+	@$(PIP) install --quiet --no-deps --require-hashes -r .lock/docs.txt
 	@touch $@
 
 .venv/test: .lock/test.txt .venv/runtime

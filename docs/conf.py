@@ -32,7 +32,6 @@ exclude_patterns = ["_build", "examples", "**.ipynb"]
 source_suffix = {".md": "markdown", ".rst": "restructuredtext"}
 nitpicky = True
 nitpick_ignore_regex = [(r"py:(func|meth|attr|data|mod|obj|exc|const)", ".*")]  # docstrings may name what has no page here
-suppress_warnings = ["config.cache"]  # the order of the examples is a function, which cannot be pickled
 
 myst_enable_extensions = ["colon_fence", "deflist"]
 myst_heading_anchors = 4
@@ -59,17 +58,11 @@ html_theme_options = {
 html_context = {"default_mode": "auto"}
 
 
-def by_number(folder: str) -> Any:
-    """Examples in the order of the list in their folder."""
-    order = (HERE / "examples" / "order.txt").read_text(encoding="utf-8").split()
-    return lambda name: order.index(Path(name).name)
-
-
 sphinx_gallery_conf = {
     "examples_dirs": "examples",
     "gallery_dirs": "gallery",
     "filename_pattern": r"/plot_",
-    "within_subsection_order": by_number,
+    "within_subsection_order": "FileNameSortKey",
     "download_all_examples": False,
     "remove_config_comments": True,
     "show_memory": False,
