@@ -33,7 +33,7 @@ docs: .venv/docs  ## The documentation site, docs/_build/html (3 minutes); warni
 	OPENBLAS_NUM_THREADS=1 $(BIN)/sphinx-build -W --keep-going -q -b html docs docs/_build/html
 	@echo "docs/_build/html/index.html"
 
-bench: .venv/test  ## Measure what README claims about speed
+bench: .venv/test  ## Measure what docs/speed.md says about speed
 	$(BIN)/python -m benchmarks
 
 calibrate: .venv/runtime  ## Check the posterior against simulated sources (8 minutes)

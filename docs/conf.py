@@ -1,6 +1,7 @@
 """How the documentation is built: ``make docs``. No page needs a network, neither to be built nor to be read."""
 
 import os
+import sys
 import zlib
 from pathlib import Path
 from typing import Any
@@ -8,7 +9,9 @@ from typing import Any
 import matplotlib as mpl
 
 import bella
-from bella.spectra import quirks
+
+sys.path.insert(0, str(Path(__file__).parent))
+from tables import with_tables
 
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 mpl.use("Agg")
@@ -31,7 +34,9 @@ extensions = [
 exclude_patterns = ["_build", "examples", "**.ipynb"]
 source_suffix = {".md": "markdown", ".rst": "restructuredtext"}
 nitpicky = True
-nitpick_ignore_regex = [(r"py:(func|meth|attr|data|mod|obj|exc|const)", ".*")]  # docstrings may name what has no page here
+nitpick_ignore_regex = [
+    (r"py:(func|meth|attr|data|mod|obj|exc|const)", ".*")
+]  # docstrings may name what has no page here
 
 myst_enable_extensions = ["colon_fence", "deflist"]
 myst_heading_anchors = 4
@@ -50,7 +55,7 @@ html_show_sourcelink = False
 html_theme_options = {
     "show_prev_next": True,
     "navigation_with_keys": False,
-    "header_links_before_dropdown": 6,
+    "header_links_before_dropdown": 7,
     "secondary_sidebar_items": ["page-toc"],
     "pygments_light_style": "a11y-high-contrast-light",
     "pygments_dark_style": "a11y-high-contrast-dark",
@@ -77,9 +82,12 @@ sphinx_gallery_conf = {
 # Names of other projects that our docstrings use, and their pages. Their whole inventories would have to be downloaded
 # at every build; these few lines do without.
 ELSEWHERE = {
-    "https://docs.python.org/3/": {"pathlib.Path": "library/pathlib.html", "datetime.date": "library/datetime.html",
+    "https://docs.python.org/3/": {
+        "pathlib.Path": "library/pathlib.html",
+        "datetime.date": "library/datetime.html",
         "datetime.datetime": "library/datetime.html",
-        "collections.abc.Callable": "library/collections.abc.html"},
+        "collections.abc.Callable": "library/collections.abc.html",
+    },
     "https://numpy.org/doc/stable/": {
         "numpy.ndarray": "reference/generated/numpy.ndarray.html",
         "numpy.datetime64": "reference/arrays.scalars.html",
@@ -112,7 +120,7 @@ def inventories(folder: Path) -> dict[str, tuple[str, str]]:
     mapping = {}
     for number, (url, pages) in enumerate(ELSEWHERE.items()):
         file = folder / f"{number}.inv"
-        head = "# Sphinx inventory version 2\n# Project: x\n# Version: x\n# The remainder of this file is compressed using zlib.\n"
+        head = "# Sphinx inventory version 2\n# Project: x\n# Version: x\n# The rest is compressed using zlib.\n"
         rows = "".join(f"{name} py:class 1 {page}#{name} -\n" for name, page in pages.items())
         file.write_bytes(head.encode() + zlib.compress(rows.encode()))
         mapping[f"site{number}"] = (url, str(file))
@@ -122,24 +130,9 @@ def inventories(folder: Path) -> dict[str, tuple[str, str]]:
 intersphinx_mapping = inventories(HERE / "_build" / "inventories")
 
 
-def quirk_table() -> str:
-    """Table of the known quirks, of the ledger in the package."""
-    head = "| name | instrument | days | effect | what the readers do | source |\n|---|---|---|---|---|---|\n"
-    rows = [
-        f"| `{one.name}` | {' '.join([one.observatory, *one.receivers])} | {one.first} to {one.last or 'now'} "
-        f"| {one.effect} | {one.handling} | {one.source} |"
-        for one in quirks()
-    ]
-    return head + "\n".join(rows)
-
-
-TABLES = {"quirks": quirk_table}
-
-
 def fill_in_tables(app: Any, name: str, source: list[str]) -> None:  # noqa: ARG001 - Sphinx gives all three
-    """Put tables that are made of the package where a page asks for them: ``<!-- table: quirks -->``."""
-    for table, made in TABLES.items():
-        source[0] = source[0].replace(f"<!-- table: {table} -->", made())
+    """Put tables that are made of the package where a page asks for them."""
+    source[0] = with_tables(source[0])
 
 
 def setup(app: Any) -> None:

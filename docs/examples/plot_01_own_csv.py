@@ -3,7 +3,8 @@ Localise a burst from your own CSV
 ==================================
 
 A table needs five columns: which spacecraft, at which frequency, when the burst arrived, the error of that time, and
-what was timed (the edge). Positions of known spacecraft come with the package. The :doc:`/tutorial` explains each column.
+what was timed (the edge). Positions of known spacecraft come with the package. The :doc:`/tutorial` explains each
+column.
 """
 
 from pathlib import Path
@@ -26,6 +27,6 @@ for frequency, place in zip(source.to_table()["frequency_mhz"], stonyhurst, stri
     print(f"{frequency:.2f}: longitude {place.lon.deg:6.1f} deg, distance {place.radius.to_value('R_sun'):5.1f} R_sun")
 
 # %%
-# Grey outlines hold 68 % of the probability at each frequency. The positions are those of the *apparent* source: they are
-# not corrected for scattering (:doc:`/reading-a-burst`).
+# Grey outlines hold 68 % of the probability at each frequency. The positions are those of the *apparent* source: they
+# are not corrected for scattering (:doc:`/reading-a-burst`).
 axes = source.plot()

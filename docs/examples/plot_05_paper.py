@@ -17,8 +17,8 @@ presets = ("default", "bella-2024", "robust")
 sources = {name: bella.localise(arrivals, preset=name) for name in presets}
 
 # %%
-# Distances barely depend on the preset, their errors do: ``robust`` allows for a bad arrival time, and three times cannot
-# tell which one that is.
+# Distances barely depend on the preset, their errors do: ``robust`` allows for a bad arrival time, and three times
+# cannot tell which one that is.
 fig, axes = plt.subplots()
 for name, source in sources.items():
     table = source.to_table()

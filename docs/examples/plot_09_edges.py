@@ -23,7 +23,10 @@ arrivals.to_table()["observatory", "frequency_mhz", "arrival_utc", "sigma_s"][:6
 frame = arrivals.frame
 seconds = (frame["arrival_utc"] - np.datetime64(case.burst.release_utc)).dt.total_seconds()
 truth = np.concatenate(
-    [case.truth(name, rows["frequency_mhz"].to_numpy())["arrival_s"] for name, rows in frame.groupby("observatory", sort=False)]
+    [
+        case.truth(name, rows["frequency_mhz"].to_numpy())["arrival_s"]
+        for name, rows in frame.groupby("observatory", sort=False)
+    ]
 )
 frame = frame.assign(error_s=seconds - truth)
 fig, axes = plt.subplots()

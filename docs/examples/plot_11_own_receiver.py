@@ -30,7 +30,13 @@ mine = xr.Dataset(
         "position_km": (("time", "axis"), np.tile(place_km, (len(times), 1)), {"frame": "hee"}),
     },
     coords={"time": times, "frequency": frequencies},
-    attrs={"observatory": "My Spacecraft", "receiver": "RX1", "quantity": "psd_v2_hz", "integration_s": 28.0, "source_files": "mine"},
+    attrs={
+        "observatory": "My Spacecraft",
+        "receiver": "RX1",
+        "quantity": "psd_v2_hz",
+        "integration_s": 28.0,
+        "source_files": "mine",
+    },
 )
 validate_spectrum(mine, "my spectrum")
 

@@ -26,7 +26,9 @@ subprocess.run([*command, "run", "--direct"], env=home, check=True, capture_outp
 with socket.socket() as free:
     free.bind(("127.0.0.1", 0))
     port = str(free.getsockname()[1])
-server = subprocess.Popen([*command, "serve", "--port", port], env=home, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+server = subprocess.Popen(
+    [*command, "serve", "--port", port], env=home, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL
+)
 service = Client(f"http://127.0.0.1:{port}")
 
 # %%

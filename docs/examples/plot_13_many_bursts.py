@@ -29,7 +29,9 @@ print(len(everything), "positions")
 
 # %%
 # Quality flags come with every row; those that say "do not use this position" are left out.
-usable = np.array(["position_not_constrained" not in flags and "multimodal" not in flags for flags in everything["flags"]])
+usable = np.array(
+    ["position_not_constrained" not in flags and "multimodal" not in flags for flags in everything["flags"]]
+)
 good = everything[usable]
 distance = np.hypot(good["x_rsun"], good["y_rsun"]).value
 ratio = distance / good["true_rsun"]
