@@ -29,7 +29,7 @@ lint: .venv/test  ## Style, types, and who may import whom
 	$(BIN)/mypy
 	$(BIN)/lint-imports --no-cache | tail -n 12
 
-docs: .venv/docs  ## The documentation site, docs/_build/html (3 minutes); warnings are errors
+docs: .venv/test  ## The documentation site, docs/_build/html (3 minutes); warnings are errors
 	OPENBLAS_NUM_THREADS=1 $(BIN)/sphinx-build -W --keep-going -q -b html docs docs/_build/html
 	@echo "docs/_build/html/index.html"
 
@@ -65,11 +65,6 @@ LOCK_OPTIONS := --universal --fork-strategy fewest --python-version 3.11 --gener
 	@echo "Installing 160 pinned packages into .venv (1.2 GB; a minute or two, once) ..."
 	@$(PIP) install --quiet --no-deps --require-hashes -r .lock/runtime.txt
 	@$(PIP) install --quiet --no-build-isolation --no-deps --editable .
-	@touch $@
-
-.venv/docs: .lock/docs.txt .venv/runtime
-	@echo "Installing what the documentation needs into .venv ..."
-	@$(PIP) install --quiet --no-deps --require-hashes -r .lock/docs.txt
 	@touch $@
 
 .venv/test: .lock/test.txt .venv/runtime
