@@ -3,7 +3,7 @@ PYTHON ?= python3
 BIN := .venv/bin
 PIP := $(BIN)/pip --disable-pip-version-check
 
-.PHONY: help demo serve test acceptance fuzz lint docs bench calibrate found lock clean
+.PHONY: help demo serve test acceptance fuzz lint docs picture bench calibrate found lock clean
 
 help:  ## Say what can be made
 	@sed -n 's/^\([a-z]*\):.*  ## /  make \1\t/p' $(MAKEFILE_LIST) | expand -t 16
@@ -32,6 +32,9 @@ lint: .venv/test  ## Style, types, and who may import whom
 docs: .venv/test  ## The documentation site, docs/_build/html (3 minutes); warnings are errors
 	OPENBLAS_NUM_THREADS=1 $(BIN)/sphinx-build -W --keep-going -q -b html docs docs/_build/html
 	@echo "docs/_build/html/index.html"
+
+picture: .venv/test  ## Photograph the page of the burst for README, after make demo
+	$(BIN)/python docs/picture.py
 
 bench: .venv/test  ## Measure what docs/speed.md says about speed
 	$(BIN)/python -m benchmarks

@@ -52,6 +52,7 @@ html_title = f"BELLA {release}"
 html_static_path = ["_static"]
 html_css_files = ["site.css"]
 html_show_sourcelink = False
+html_sidebars = {"tutorial": [], "reading-a-burst": []}  # they have no pages below
 html_theme_options = {
     "show_prev_next": True,
     "navigation_with_keys": False,

@@ -12,7 +12,8 @@ from pathlib import Path
 import bella
 
 # %%
-# Five frequencies of the burst of 2012-06-07, as you would have them in a file of your own.
+# Five frequencies of the burst of 2012-06-07, as you would have them in a file of your own
+# (:download:`arrivals.csv </examples/arrivals.csv>`).
 print(Path("arrivals.csv").read_text()[:300])
 
 # %%
