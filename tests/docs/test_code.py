@@ -1,6 +1,7 @@
 """Code in README and in the pages of the documentation is run, and its commands exist."""
 
 import doctest
+import gc
 import importlib.util
 import re
 import shutil
@@ -63,6 +64,8 @@ def name(page: Path) -> str:
     return str(page.relative_to(ROOT))
 
 
+# the downloader of SunPy leaves an event loop open
+@pytest.mark.filterwarnings("ignore::pytest.PytestUnraisableExceptionWarning")
 @pytest.mark.parametrize("page", [page for page in PAGES if blocks(page, "python")], ids=name)
 def test_python_of_a_page_runs(page: Path, address: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
@@ -75,6 +78,7 @@ def test_python_of_a_page_runs(page: Path, address: str, tmp_path: Path, monkeyp
     else:
         exec(compile(whole, str(page), "exec"), {})
     plt.close("all")
+    gc.collect()  # what is left open belongs to this test, and not to the next one
 
 
 def commands(page: Path) -> list[list[str]]:
