@@ -3,7 +3,7 @@ PYTHON ?= python3
 BIN := .venv/bin
 PIP := $(BIN)/pip --disable-pip-version-check
 
-.PHONY: help demo serve test acceptance fuzz lint bench calibrate found lock clean
+.PHONY: help demo serve test acceptance fuzz lint docs picture bench calibrate found lock clean
 
 help:  ## Say what can be made
 	@sed -n 's/^\([a-z]*\):.*  ## /  make \1\t/p' $(MAKEFILE_LIST) | expand -t 16
@@ -29,7 +29,14 @@ lint: .venv/test  ## Style, types, and who may import whom
 	$(BIN)/mypy
 	$(BIN)/lint-imports --no-cache | tail -n 12
 
-bench: .venv/test  ## Measure what README claims about speed
+docs: .venv/test  ## The documentation site, docs/_build/html (3 minutes); warnings are errors
+	OPENBLAS_NUM_THREADS=1 $(BIN)/sphinx-build -W --keep-going -q -b html docs docs/_build/html
+	@echo "docs/_build/html/index.html"
+
+picture: .venv/test  ## Photograph the page of the burst for README, after make demo
+	$(BIN)/python docs/picture.py
+
+bench: .venv/test  ## Measure what docs/speed.md says about speed
 	$(BIN)/python -m benchmarks
 
 calibrate: .venv/runtime  ## Check the posterior against simulated sources (8 minutes)
@@ -45,7 +52,7 @@ lock:  ## Pin every dependency anew, without any registry address
 	.venv/lock/bin/uv pip compile $(LOCK_OPTIONS) --extra build --extra test -c .lock/runtime.txt -o .lock/test.txt pyproject.toml
 
 clean:  ## Remove what was installed and made here
-	rm -rf .venv bella-home test-artifacts
+	rm -rf .venv bella-home test-artifacts docs/_build docs/gallery
 
 LOCK_OPTIONS := --universal --fork-strategy fewest --python-version 3.11 --generate-hashes \
 	--no-annotate --no-header --quiet

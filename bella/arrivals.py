@@ -26,7 +26,7 @@ import xarray as xr
 from bella.csv_tables import parse_table, read_table_text
 from bella.exceptions import InputError
 from bella.heliosphere.scattering import rise_s
-from bella.spacecraft import position_hee
+from bella.spacecraft import observatory_name, position_hee
 from bella.units import AU_RSUN, DAY_S, FloatArray
 
 IntArray = npt.NDArray[np.intp]
@@ -263,6 +263,7 @@ def check_arrivals(
     given = _nuisance(frame, RISE, source)
     table[RISE] = np.where(given > 0, given, rise_s(table["frequency_mhz"].to_numpy()))
     table.attrs = {SHAPE_LENGTH: _shape_length(frame, source)}
+    table["observatory"] = _known_names(table, source)
     _check_rows_agree(table, source)
     _check_observatories(table, source, heard_by)
     return table
@@ -364,11 +365,16 @@ def check_covariance(covariance_s2: FloatArray, rows: int, *, source: str = "cov
         raise InputError(
             f"{source}: covariance_s2 is {covariance_s2.shape}, the table has {rows} rows; give those of one run"
         )
-    if not np.isfinite(covariance_s2).all() or not np.allclose(covariance_s2, covariance_s2.T, rtol=1e-6):
+    if not np.isfinite(covariance_s2).all() or not _is_symmetric(covariance_s2):
         raise InputError(f"{source}: covariance_s2 is not symmetric and finite; give what bella arrivals wrote")
     value = np.linalg.eigvalsh(covariance_s2)
     if value[0] < -ROUNDING * value[-1] or value[-1] <= 0:
         raise InputError(f"{source}: covariance_s2 is not that of errors; no eigenvalue may be below 0")
+
+
+def _is_symmetric(matrix: FloatArray) -> bool:
+    """Whether it is, to a millionth of its largest element: small ones are differences of large ones."""
+    return bool(np.abs(matrix - matrix.T).max() <= 1e-6 * np.abs(matrix).max())
 
 
 def locate_receivers(frame: pd.DataFrame, *, source: str = "arrival table") -> pd.DataFrame:
@@ -582,6 +588,19 @@ def _check_rows_agree(table: pd.DataFrame, source: str) -> None:
     shared = table.groupby("observatory")["offset_sd_s"].transform("first")
     unequal = (table["offset_sd_s"] != shared).to_numpy()
     _reject(unequal, table, "offset_sd_s", source, "differs between rows of one observatory; all its channels share it")
+
+
+def _known_names(table: pd.DataFrame, source: str) -> pd.Series:
+    """Names as they are used here; one that looks mistyped is refused, unless its row says where it was."""
+    named: dict[str, str] = {}
+    for row, (name, x) in enumerate(zip(table["observatory"], table[POSITION[0]], strict=True), start=1):
+        try:
+            named[name] = observatory_name(name)
+        except InputError as error:
+            if np.isnan(x):
+                raise InputError(f"{source}: row {row}, column observatory: {error}") from error
+            named[name] = name
+    return table["observatory"].map(named)
 
 
 def _check_observatories(table: pd.DataFrame, source: str, heard_by: int) -> None:

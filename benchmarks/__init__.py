@@ -1,1 +1,1 @@
-"""What README claims about speed, measured: ``make bench``."""
+"""What docs/speed.md says about speed, measured: ``make bench``."""

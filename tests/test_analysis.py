@@ -25,7 +25,6 @@ from bella.spectra import event_spectra
 
 mpl.use("Agg")
 TABLE = published_arrivals(np.array([0.25, 0.5, 1.0]))
-GUIDE = Path(__file__).parents[1] / "docs" / "python.md"
 
 
 @pytest.fixture(scope="module")
@@ -164,15 +163,10 @@ def test_a_wrong_table_is_one_line_that_names_the_column() -> None:
         bella.localise({"observatory": ["WIND"], "frequency_mhz": [1.0], "time": ["2012-06-07"], "sigma": [1.0]})
 
 
-@pytest.mark.parametrize("where", ["module", "guide"])
-def test_examples_run(where: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_examples_run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     write_arrivals(TABLE, tmp_path / "arrivals.csv")
     monkeypatch.chdir(tmp_path)
-    options = doctest.ELLIPSIS | doctest.NORMALIZE_WHITESPACE
-    if where == "module":
-        result = doctest.testmod(analysis, optionflags=options)
-    else:
-        result = doctest.testfile(str(GUIDE), module_relative=False, optionflags=options)
+    result = doctest.testmod(analysis, optionflags=doctest.ELLIPSIS | doctest.NORMALIZE_WHITESPACE)
     plt.close("all")
     assert result.attempted > 3
     assert result.failed == 0

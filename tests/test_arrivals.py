@@ -14,6 +14,7 @@ from bella.arrivals import (
     arrival_grid,
     arrivals_csv,
     check_arrivals,
+    check_covariance,
     evenly_spread,
     locate_receivers,
     parse_arrivals,
@@ -391,3 +392,23 @@ def test_errors_of_the_delay_last_along_the_band() -> None:
     assert np.diag(covariance) == pytest.approx([17.0, 2.0, 5.0, 2.0, 2.0, 2.0])
     assert covariance[0, 2] == pytest.approx(4.0 * 2.0 * np.exp(-0.5 * 0.8**2))
     assert covariance[0, 1] == covariance[0, 3] == 0.0
+
+
+def test_names_of_spacecraft_are_those_that_people_write() -> None:
+    text = GOOD.replace("WIND", "Wind").replace("STEREO-A", "STA").replace("STEREO-B", "stereo behind")
+    assert parse_arrivals(text)["observatory"].to_list() == ["WIND", "STEREO-A", "STEREO-B"]
+
+
+def test_a_mistyped_name_is_refused_unless_its_row_gives_its_position() -> None:
+    assert "row 2, column observatory" in refusal(cell(2, "STEREO-A", "Solar Orbitr"))
+    assert "did you mean SOLO?" in refusal(cell(2, "STEREO-A", "Solar Orbitr"))
+    assert parse_arrivals(PLACED.replace("B,", "Solar Orbitr,"))["observatory"].iloc[1] == "Solar Orbitr"
+
+
+def test_rounding_is_no_asymmetry_of_a_covariance_but_a_thousandth_is() -> None:
+    covariance = np.diag([1e6, 4.0, 9.0])
+    covariance[0, 1] = 1e-6
+    check_covariance(covariance, 3)
+    covariance[0, 1] = 1e3
+    with pytest.raises(InputError, match="symmetric"):
+        check_covariance(covariance, 3)

@@ -24,11 +24,11 @@ from bella.flags import (
 from bella.heliosphere.scattering import LITERATURE_DELAY
 from bella.multilateration import METHODS, PRESETS
 from bella.settings import Settings
-from bella.spectra import PRODUCTS, quirks
+from bella.spectra import PRODUCTS
 from bella.tracks import model
 from tests.service_processes.compose import ROOT, VARIABLE, composed, services
 
-DOCUMENTS = sorted([*ROOT.glob("*.md"), *(ROOT / "docs").glob("*.md")])
+DOCUMENTS = sorted([*ROOT.glob("*.md"), *(ROOT / "docs").glob("*.md"), *(ROOT / "docs").glob("[rt]*/*.md")])
 OPERATIONS = ROOT / "docs" / "operations.md"
 LINES_OF_A_SCREEN = 50
 
@@ -123,13 +123,6 @@ def test_every_route_stands_in_the_page_about_the_api() -> None:
     for route, text in described:
         if "post" in routes[route]:
             assert "`POST`" in text
-
-
-def test_every_quirk_stands_in_its_page() -> None:
-    page = (ROOT / "docs" / "quirks.md").read_text(encoding="utf-8")
-    for one in quirks():
-        days = f"{one.first} to {one.last or 'now'}"
-        assert f"| `{one.name}` | {' '.join([one.observatory, *one.receivers])} | {days} | {one.effect} |" in page
 
 
 def test_every_product_stands_in_the_page_about_spectra() -> None:

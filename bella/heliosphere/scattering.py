@@ -47,7 +47,7 @@ The whole delay of the peak is 1.1 (harmonic) to 1.9 (fundamental) half widths i
 956, 112, doi:10.3847/1538-4357/acf6c1); seen from behind it is then longer by a tenth to a half, as the anisotropic
 scattering of Kontar et al. 2019 (ApJ 884, 122, doi:10.3847/1538-4357/ab40bb) and Chen et al. 2023 (MNRAS 520, 3117)
 leaves it open. Mean and deviation were chosen so that the 68 % regions of simulated bursts hold .60-.76 without a
-delay, and .55-.85 with 0.1 to 0.3, at timing errors of 1-3 and 3-9 s; docs/localisation.md has the table."""
+delay, and .55-.85 with 0.1 to 0.3, at timing errors of 1-3 and 3-9 s; docs/localisation-validation.md has the table."""
 
 
 def rise_s(frequency_mhz: FloatArray) -> FloatArray:

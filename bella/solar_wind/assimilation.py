@@ -9,7 +9,7 @@ have a joint Gaussian posterior. The cost is that of weak-constraint variational
 The numbers below are measured. Correlation lengths and the ratio of the sizes: largest probability of the speeds of a
 spacecraft given the two others, hourly speeds at L1, STEREO-A and STEREO-B in 11 rotations of 2011-07 to 2014-05,
 without 2012-03 to 2012-08. Common size: rms of z of 1 when one spacecraft is left out, in the rotations around
-2012-05-11, 2012-07-05 and 2012-07-17. The result is judged on other rotations, see docs/operations.md.
+2012-05-11, 2012-07-05 and 2012-07-17. The result is judged on other rotations, see docs/wind-validation.md.
 """
 
 from collections.abc import Mapping

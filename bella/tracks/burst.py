@@ -89,7 +89,8 @@ def fit_table(
     InputError
         If the table, or a choice of the recipe, is wrong.
     NoDataError
-        If the time is outside the ephemeris, or two spacecraft alone say too little (:class:`NotPlacedError`).
+        If the time is outside the ephemeris, or two spacecraft alone say too little
+        (:class:`~bella.exceptions.NotPlacedError`).
     """
     chosen = recipe or TrackRecipe()
     table = check_arrivals(arrivals, heard_by=LEAST_OBSERVATORIES)
