@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     from bella.plotting.collapsed import write_collapsed_png
     from bella.plotting.coverage import write_coverage_png
     from bella.plotting.day import write_spectrum_png
+    from bella.plotting.edges import write_edge_figures
     from bella.plotting.fleet import write_day_png
     from bella.plotting.light_curves import write_light_curves_png
     from bella.plotting.printed import write_constellation_png, write_spectra_png
@@ -43,6 +44,7 @@ __all__ = [
     "write_coverage_png",
     "write_day_png",
     "write_density_png",
+    "write_edge_figures",
     "write_light_curves_png",
     "write_polar_fit_png",
     "write_spectra_png",
@@ -59,6 +61,7 @@ _DRAWN_IN = {
     "write_coverage_png": "bella.plotting.coverage",
     "write_day_png": "bella.plotting.fleet",
     "write_density_png": "bella.plotting.track",
+    "write_edge_figures": "bella.plotting.edges",
     "write_light_curves_png": "bella.plotting.light_curves",
     "write_polar_fit_png": "bella.plotting.track",
     "write_spectra_png": "bella.plotting.printed",
