@@ -74,7 +74,7 @@ class Arrivals:
 
     def plot(self, ax: Any = None) -> Any:
         """Frequency against arrival time, one line per spacecraft; returns the matplotlib axes."""
-        from bella.plotting.quick import draw_arrivals  # noqa: PLC0415 - matplotlib is heavy
+        from bella.plotting import draw_arrivals  # noqa: PLC0415 - matplotlib is heavy
 
         return draw_arrivals(self.frame, ax)
 
@@ -109,7 +109,7 @@ class Localisation:
 
     def plot(self, ax: Any = None) -> Any:
         """Positions with their 68 % regions in the ecliptic, and the receivers; returns the matplotlib axes."""
-        from bella.plotting.quick import draw_positions  # noqa: PLC0415 - matplotlib is heavy
+        from bella.plotting import draw_positions  # noqa: PLC0415 - matplotlib is heavy
 
         return draw_positions(self.posterior, ax)
 
@@ -157,7 +157,7 @@ class FittedTrack:
 
     def plot(self, ax: Any = None) -> Any:
         """Sources of the profile in the ecliptic; returns the matplotlib axes."""
-        from bella.plotting.quick import draw_track  # noqa: PLC0415 - matplotlib is heavy
+        from bella.plotting import draw_track  # noqa: PLC0415 - matplotlib is heavy
 
         return draw_track(self.record, ax)
 
@@ -186,7 +186,7 @@ class Detections:
 
     def plot(self, ax: Any = None) -> Any:
         """Boxes of time and frequency; returns the matplotlib axes."""
-        from bella.plotting.quick import draw_detections  # noqa: PLC0415 - matplotlib is heavy
+        from bella.plotting import draw_detections  # noqa: PLC0415 - matplotlib is heavy
 
         return draw_detections(self.frame, ax)
 

@@ -89,7 +89,7 @@ def _calibrate_posterior(output: Path, names: list[str], sources: int, seed: int
         run_stratum,
         verdict_table,
     )
-    from bella.plotting.calibration import comparison_panels, write_calibration_png
+    from bella.plotting import comparison_panels, write_calibration_png
 
     chosen = find_strata(names)
     check_sources(sources)

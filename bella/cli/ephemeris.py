@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from bella.cli.options import AsJson, Home, instant, know_updates, settings_of
-from bella.cli.output import answer, new_table, print_json, show, steps
+from bella.cli.output import answer, new_table, print_json, show, steps, warn
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -27,9 +27,11 @@ def ephemeris(
     """Print where the spacecraft were (solar radii and degrees)."""
     time = instant(utc)
     know_updates(home)
-    from bella.spacecraft import fleet
+    from bella.spacecraft import fleet, missing_from_fleet
 
     rows = fleet(time, frame).round(9).to_dict("records")
+    for name, reason in missing_from_fleet(time).items():
+        warn(f"{name} is missing: {reason}")
     if as_json:
         print_json([row | {"frame": frame.lower()} for row in rows])
         return
