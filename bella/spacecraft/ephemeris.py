@@ -340,7 +340,7 @@ def _covers(observatory: str, moment: np.datetime64) -> bool:
 
 
 def missing_from_fleet(utc: np.datetime64) -> dict[str, str]:
-    """Observatories that the ephemeris does not have at an instant.
+    """Observatories whose positions end before an instant.
 
     Parameters
     ----------
@@ -354,12 +354,10 @@ def missing_from_fleet(utc: np.datetime64) -> dict[str, str]:
     moment = _instants(utc)[0]
     reasons = {}
     for name in OBSERVATORIES:
-        start, stop = (np.datetime_as_string(t, unit="D") for t in coverage(name))
-        if moment < coverage(name).start:
-            reasons[name] = f"its positions begin on {start}"
-        elif moment > coverage(name).stop:
-            advice = "" if name in ENDED else "; ask for later ones with bella update-ephemeris"
-            reasons[name] = f"its positions end on {stop}{advice}"
+        stop = coverage(name).stop
+        if moment > stop:
+            why = "when contact was lost" if name in ENDED else "ask for later ones with bella update-ephemeris"
+            reasons[name] = f"its positions end on {np.datetime_as_string(stop, unit='D')}: {why}"
     return reasons
 
 
