@@ -9,10 +9,10 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from rich.box import SIMPLE_HEAD
+from rich.cells import cell_len
 from rich.console import Console
-from rich.measure import Measurement
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
-from rich.table import Table
+from rich.table import Column, Table
 
 from bella.exceptions import InputError
 
@@ -34,6 +34,10 @@ class Screen(Console):
 out, err = Screen(), Console(stderr=True)
 talk, bars = Screen(), Console(stderr=True)
 """Standard output and error for what ``--quiet`` leaves out: tables and remarks, and progress."""
+
+
+LEAST_WIDTH = 9
+"""Of a column that may be broken into lines; a narrower terminal breaks the lines of the table instead."""
 
 
 def be_quiet(quiet: bool) -> None:
@@ -119,8 +123,17 @@ def new_table(title: str, *columns: str, left: Sequence[str] = (), whole: Sequen
 
 def show(table: Table) -> None:
     """Print a table, unless only the answer is wanted; wider than the terminal if ids would be cut otherwise."""
-    least = Measurement.get(talk, talk.options.update(max_width=1000), table).minimum
-    talk.print(table, width=max(talk.width, least), crop=False, no_wrap=least > talk.width)
+    least = sum(_least_width(column) + 3 for column in table.columns)
+    if not talk.quiet:
+        Screen(width=max(talk.width, least)).print(table)
+
+
+def _least_width(column: Column) -> int:
+    """Width that a column keeps: all of what is neither broken nor cut, and a word of the others."""
+    cells = [cell_len(str(cell)) for cell in (column.header, *column.cells)]
+    if column.no_wrap:
+        column.min_width = max(cells)
+    return max(cells) if column.no_wrap else min(LEAST_WIDTH, max(cells))
 
 
 def write_whole(path: Path, text: str) -> None:

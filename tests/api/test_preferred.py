@@ -165,6 +165,8 @@ def test_commands_print_the_answer_and_refuse_what_is_not_clear(home: Settings) 
     assert pinned[-1].endswith("(gauss_hermite/posterior/robust/2d, pinned, outliers)")
     row = json.loads(command(home, "list", "--json"))[0]
     assert (row["chosen_by"], row["reason"]) == ("person", "outliers")
+    narrow = CliRunner().invoke(app, ["catalogue", "list", "--home", str(home.home)], env={"COLUMNS": "40"})
+    assert BURST_ID in narrow.stdout
     shown = json.loads(command(home, "show", BURST_ID, "--json"))
     details = shown.pop("details")
     assert shown == row
