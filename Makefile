@@ -48,8 +48,8 @@ found: .venv/runtime  ## Check answers about simulated bursts that are found (10
 
 lock:  ## Pin every dependency anew, without any registry address
 	$(PYTHON) -m venv .venv/lock && .venv/lock/bin/pip install --quiet uv
-	.venv/lock/bin/uv pip compile $(LOCK_OPTIONS) --extra build -o .lock/runtime.txt pyproject.toml
-	.venv/lock/bin/uv pip compile $(LOCK_OPTIONS) --extra build --extra test -c .lock/runtime.txt -o .lock/test.txt pyproject.toml
+	.venv/lock/bin/uv pip compile $(LOCK_OPTIONS) --extra build --extra all -o .lock/runtime.txt pyproject.toml
+	.venv/lock/bin/uv pip compile $(LOCK_OPTIONS) --extra build --extra test --extra docs -c .lock/runtime.txt -o .lock/test.txt pyproject.toml
 
 clean:  ## Remove what was installed and made here
 	rm -rf .venv bella-home test-artifacts docs/_build docs/gallery
@@ -65,7 +65,7 @@ LOCK_OPTIONS := --universal --fork-strategy fewest --python-version 3.11 --gener
 	@touch $@
 
 .venv/runtime: .lock/runtime.txt pyproject.toml | .venv/python
-	@echo "Installing 160 pinned packages into .venv (1.2 GB; a minute or two, once) ..."
+	@echo "Installing 170 pinned packages into .venv (1.3 GB; a minute or two, once) ..."
 	@$(PIP) install --quiet --no-deps --require-hashes -r .lock/runtime.txt
 	@$(PIP) install --quiet --no-build-isolation --no-deps --editable .
 	@touch $@

@@ -39,8 +39,6 @@ from bella.user_tables import arrival_frame
 if TYPE_CHECKING:
     from astropy.coordinates import SkyCoord
 
-    from bella.bursts.timing import TimedBurst
-
 FEWEST_FOR_TRACK = 2
 EDGE_FREQUENCIES = 40
 
@@ -76,7 +74,7 @@ class Arrivals:
 
     def plot(self, ax: Any = None) -> Any:
         """Frequency against arrival time, one line per spacecraft; returns the matplotlib axes."""
-        from bella.plotting.quick import draw_arrivals  # noqa: PLC0415 - matplotlib is heavy
+        from bella.plotting import draw_arrivals  # noqa: PLC0415 - matplotlib is heavy
 
         return draw_arrivals(self.frame, ax)
 
@@ -111,7 +109,7 @@ class Localisation:
 
     def plot(self, ax: Any = None) -> Any:
         """Positions with their 68 % regions in the ecliptic, and the receivers; returns the matplotlib axes."""
-        from bella.plotting.quick import draw_positions  # noqa: PLC0415 - matplotlib is heavy
+        from bella.plotting import draw_positions  # noqa: PLC0415 - matplotlib is heavy
 
         return draw_positions(self.posterior, ax)
 
@@ -159,7 +157,7 @@ class FittedTrack:
 
     def plot(self, ax: Any = None) -> Any:
         """Sources of the profile in the ecliptic; returns the matplotlib axes."""
-        from bella.plotting.quick import draw_track  # noqa: PLC0415 - matplotlib is heavy
+        from bella.plotting import draw_track  # noqa: PLC0415 - matplotlib is heavy
 
         return draw_track(self.record, ax)
 
@@ -188,7 +186,7 @@ class Detections:
 
     def plot(self, ax: Any = None) -> Any:
         """Boxes of time and frequency; returns the matplotlib axes."""
-        from bella.plotting.quick import draw_detections  # noqa: PLC0415 - matplotlib is heavy
+        from bella.plotting import draw_detections  # noqa: PLC0415 - matplotlib is heavy
 
         return draw_detections(self.frame, ax)
 
@@ -338,30 +336,14 @@ def time_edges(
     NoDataError
         If no spacecraft shows a burst there.
     """
-    from bella.bursts.timing import EDGES, arrivals_at, shared_frequencies_mhz  # noqa: PLC0415 - heavy
+    from bella.bursts.timing import EDGES, arrivals_at, shared_frequencies_mhz, time_spectra  # noqa: PLC0415 - heavy
     from bella.bursts.timing import arrival_frame as timed_frame  # noqa: PLC0415
 
     if edge not in EDGES:
         raise InputError(f"edge {edge!r} is not known; choose one of {', '.join(EDGES)}")
-    timed = _timed(_fleet(spectra), _moment(around), edge)
+    timed, _ = time_spectra(_fleet(spectra).values(), _moment(around), edge)
     rows = arrivals_at(timed, shared_frequencies_mhz(timed, frequencies))
     return Arrivals(timed_frame(timed, rows), rows.covariance_s2())
-
-
-def _timed(spectra: Mapping[str, xr.Dataset], moment: np.datetime64, edge: str) -> "TimedBurst":
-    from bella.bursts.detection import search  # noqa: PLC0415 - heavy
-    from bella.bursts.timing import burst_spectrum, candidate_near, time_burst  # noqa: PLC0415
-
-    parts = []
-    for one in spectra.values():
-        searched = search(one)
-        try:
-            parts.append(burst_spectrum(searched, candidate_near(searched, moment)))
-        except NoDataError:  # this spacecraft has nothing there; others may
-            continue
-    if not parts:
-        raise NoDataError(f"no spacecraft shows a burst around {moment}; give another time, or other spectra")
-    return time_burst(parts, edge)
 
 
 def _fleet(spectra: Spectra) -> dict[str, xr.Dataset]:

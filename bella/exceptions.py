@@ -4,7 +4,24 @@ Every message is one line that names what is wrong and says what to do next. Whe
 property of the class, so that a flow decides on retries without reading messages.
 """
 
+from importlib.util import find_spec
 from typing import ClassVar
+
+EXTRA_OF = {
+    "alembic": "service",
+    "arviz": "reference",
+    "fastapi": "service",
+    "matplotlib": "plot",
+    "nutpie": "reference",
+    "prefect": "service",
+    "pyarrow": "parquet",
+    "pymc": "reference",
+    "radiospectra": "radiospectra",
+    "sqlalchemy": "service",
+    "uvicorn": "service",
+    "zarr": "zarr",
+}
+"""Packages that a light installation does not have, and the extra that brings each."""
 
 
 class BellaError(Exception):
@@ -64,3 +81,26 @@ class WorkerLostError(BellaError):
     """A process that computes was killed, perhaps for want of memory: try again."""
 
     retriable: ClassVar[bool] = True
+
+
+class MissingExtraError(BellaError, ImportError):
+    """A package that this work needs is not installed: the message says how to install it."""
+
+
+def require_extra(package: str) -> None:
+    """Refuse to go on without a package that an extra brings.
+
+    Parameters
+    ----------
+    package : str
+        One of `EXTRA_OF`.
+
+    Raises
+    ------
+    MissingExtraError
+        If it is not installed.
+    """
+    if find_spec(package) is None:
+        raise MissingExtraError(
+            f"the package {package} is not installed: pip install 'bella-service[{EXTRA_OF[package]}]'"
+        )

@@ -7,6 +7,13 @@ from pathlib import Path
 import structlog
 
 
+def log_nothing() -> None:
+    """Drop the logs, of a command that prints what matters itself; `log_to` keeps them from then on."""
+    structlog.configure(
+        wrapper_class=structlog.make_filtering_bound_logger(logging.CRITICAL), cache_logger_on_first_use=False
+    )
+
+
 def log_to(path: Path | None) -> None:
     """Send the logs to a file, or to standard error.
 

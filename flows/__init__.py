@@ -5,6 +5,8 @@ Nothing of Prefect is imported before :func:`bella.pipeline.environment.prepare`
 
 import os
 
+from bella.exceptions import require_extra
 from bella.threads import ONE_THREAD
 
 os.environ.update({**ONE_THREAD, **os.environ})  # before anything loads numpy
+require_extra("prefect")

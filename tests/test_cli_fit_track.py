@@ -162,8 +162,8 @@ def test_frequencies_that_no_three_share_have_a_joint_fit_only(table: Path, tmp_
         (("--rotation", "0"), "25.38"),
         (("--wind", "400"), "give 2 or 4 numbers"),
         (("--wind", "40,5"), "between 100 and 3000"),
-        (("--covariance", "none.nc"), "no covariance_s2 can be read"),
-        (("--directions", "none.csv"), "cannot be read"),
+        (("--covariance", "none.nc"), "none.nc does not exist"),
+        (("--directions", "none.csv"), "none.csv does not exist"),
         (("--directions-floor", "-1"), "give degrees"),
         (("--preset", "none-such"), "choose one of"),
     ],
@@ -174,6 +174,6 @@ def test_bad_options_are_one_line(table: Path, tmp_path: Path, options: tuple[st
 
 
 def test_files_that_cannot_be_read_or_written_are_one_line(table: Path, tmp_path: Path) -> None:
-    assert "cannot be read" in refused(tmp_path / "none.csv", "--output", tmp_path / "track.json")
+    assert "does not exist" in refused(tmp_path / "none.csv", "--output", tmp_path / "track.json")
     assert "does not exist" in refused(table, "--output", tmp_path / "none" / "track.json")
     assert "is a folder" in refused(table, "--output", tmp_path)

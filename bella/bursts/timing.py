@@ -10,7 +10,7 @@ of each channel alone (:mod:`bella.bursts.flank`). ``half_maximum``: by a straig
 """
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -19,7 +19,7 @@ import pandas as pd
 import xarray as xr
 
 from bella.arrivals import SHAPE_LENGTH, check_arrivals
-from bella.bursts.detection import Candidate, Searched, candidate_at, onset_records
+from bella.bursts.detection import Candidate, Searched, candidate_at, onset_records, search
 from bella.bursts.edges import Edge, gauss_hermite_edge, half_maximum_edge, spacing_s
 from bella.bursts.flank import SampleAveraging, flank_edges
 from bella.bursts.light_curves import LightCurves, RiseOfBurst, decay_s, own_rise
@@ -320,6 +320,43 @@ def time_burst(parts: Sequence[xr.Dataset], edge: str = SHARED) -> TimedBurst:
     return _with_noise(_with_clock(timed, measured), flags, edge, reference, ())
 
 
+def time_spectra(
+    spectra: Iterable[xr.Dataset], around_utc: np.datetime64, edge: str = SHARED
+) -> tuple[TimedBurst, list[str]]:
+    """Find the burst around an instant in each spectrum, and time it.
+
+    Parameters
+    ----------
+    spectra : iterable of xarray.Dataset
+        Dynamic spectra, one of each spacecraft.
+    around_utc : numpy.datetime64
+        About when it begins at high frequencies.
+    edge : str
+        One of `EDGES`.
+
+    Returns
+    -------
+    timed : TimedBurst
+    left_out : list of str
+        Why some spacecraft were left out, one line each.
+
+    Raises
+    ------
+    NoDataError
+        If none shows a burst there.
+    """
+    parts, left_out = [], []
+    for one in spectra:
+        searched = search(one)
+        try:
+            parts.append(burst_spectrum(searched, candidate_near(searched, around_utc)))
+        except NoDataError as error:
+            left_out.append(str(error))
+    if not parts:
+        raise NoDataError(f"no spacecraft shows a burst around {around_utc}; give another time, or other spectra")
+    return time_burst(parts, edge), left_out
+
+
 def _reference(parts: Sequence[xr.Dataset]) -> np.datetime64:
     earliest: np.datetime64 = min(part["time"].to_numpy()[0].astype("datetime64[s]") for part in parts)
     return np.datetime64(str(earliest), "ns")
@@ -446,6 +483,33 @@ def arrivals_at(timed: TimedBurst, frequency_mhz: FloatArray) -> Timed:
     if not enough.any() or not np.size(frequency_mhz):
         raise InputError("no spacecraft has enough edges in common frequencies for a table: widen the band or the time")
     return at_frequencies(timed.noise.take(np.flatnonzero(enough)), np.asarray(frequency_mhz, dtype=np.float64))
+
+
+def arrivals_of(timed: TimedBurst, number: int = FREQUENCIES) -> Timed:
+    """Arrival times at frequencies that the spacecraft share; of one spacecraft with few edges those of its channels.
+
+    Parameters
+    ----------
+    timed : TimedBurst
+    number : int
+        Of frequencies.
+
+    Returns
+    -------
+    Timed
+
+    Raises
+    ------
+    NoDataError
+        If there is one spacecraft and none of its channels has an edge without a flag.
+    """
+    shared_mhz = shared_frequencies_mhz(timed, number)
+    names = list(dict.fromkeys(timed.edges["observatory"]))
+    if len(names) > 1 or (timed.bands_mhz and shared_mhz.size):
+        return arrivals_at(timed, shared_mhz)
+    if not timed.noise.frequency_mhz.size:
+        raise NoDataError(f"no channel of {names[0]} has an edge without a flag; see them with --per-channel")
+    return timed.noise
 
 
 def channels_in_band(timed: TimedBurst, most: int = MOST_ROWS) -> Timed:

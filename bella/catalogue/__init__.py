@@ -1,5 +1,9 @@
 """The catalogue in SQL: bursts, versioned solutions and leases of runs; the only importer of SQLAlchemy."""
 
+from bella.exceptions import require_extra
+
+require_extra("sqlalchemy")
+
 from bella.catalogue.catalogue import Catalogue
 from bella.catalogue.detections import UNSEARCHED
 from bella.catalogue.leases import Lease

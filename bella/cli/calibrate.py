@@ -1,28 +1,28 @@
-"""The command ``bella calibrate``: whether a posterior means what it says."""
+"""The commands ``bella calibrate`` and ``bella coverage``: whether errors hold, and how large they are where."""
 
-import os
 import tempfile
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
+from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
-from rich.console import Console
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
 
+from bella.cli.options import AsJson, check_file, check_output, instant, know_updates
+from bella.cli.output import answer, naming_steps, print_json, say, steps, warn, write_netcdf, write_whole
 from bella.exceptions import BellaError, InputError
 
 if TYPE_CHECKING:
-    from bella.calibration import Comparison
-    from bella.calibration.found import FoundBurst
-    from bella.plotting.calibration import Panel
+    import pandas as pd
+    import xarray as xr
 
-out, err = Console(), Console(stderr=True)
+    from bella.calibration.found import FoundBurst, Task
 
-EPILOG = (
+CALIBRATE_EPILOG = (
     "Example: bella calibrate --sources 200 --strata wide,four-robust; bella calibrate --found --bursts 4 --workers 2"
 )
+COVERAGE_EPILOG = "Example: bella coverage --at 2012-06-07T19:30 --output map.nc --preset bella-2024"
 TABLE, PAGE, FIGURE = "calibration.csv", "calibration.md", "calibration.png"
 FOUND_TABLE, FOUND_PAGE = "calibration-found.csv", "calibration-found.md"
 
@@ -41,43 +41,45 @@ def calibrate(  # noqa: PLR0913, PLR0917 - one argument per option
     ] = False,
     bursts: Annotated[int, typer.Option(help="With --found: bursts per stratum and fleet.")] = 24,
     workers: Annotated[int, typer.Option(help="With --found: processes, 1 or more.")] = 1,
+    as_json: AsJson = False,
 ) -> None:
     """Check what is published against simulated sources: coverage, and ranks of the truth."""
     names = [name.strip() for name in strata.split(",")] if strata is not None else []
     if seed < 0:
         raise InputError(f"--seed {seed} is below 0; give 0 or more")
     if found:
-        _calibrate_found(output, names, bursts, seed, workers)
+        from bella.calibration.found import FOUND_STRATA, tasks_of
+
+        _calibrate_found(output, tasks_of(names or FOUND_STRATA, bursts, seed), seed, workers, as_json=as_json)
     else:
-        _calibrate_posterior(output, names, sources, seed)
+        _calibrate_posterior(output, names, sources, seed, as_json=as_json)
 
 
-def _calibrate_found(output: Path, names: list[str], bursts: int, seed: int, workers: int) -> None:
-    from bella.calibration.found import FOUND_STRATA, check_workers, find_all, tasks_of
+def _calibrate_found(output: Path, tasks: "list[Task]", seed: int, workers: int, *, as_json: bool) -> None:
+    from bella.calibration.found import check_workers, find_all
     from bella.calibration.found_page import found_page
     from bella.calibration.found_table import found_csv, found_rows
 
-    tasks = tasks_of(names or FOUND_STRATA, bursts, seed)
     check_workers(workers)
     _check_writable(output)
     measured: list[FoundBurst] = []
-    with _progress(len(tasks)) as (advance, describe):
+    with naming_steps("calibrate", len(tasks)) as (advance, describe):
         for one in find_all(tasks, workers):
             describe(f"{one.task.stratum}, {one.task.fleet}")
             advance(1)
             measured.append(one)
     rows = found_rows(measured, seed)
-    with _reporting(output):
-        _write_texts(output, {FOUND_TABLE: found_csv(rows), FOUND_PAGE: found_page(rows, table=FOUND_TABLE)})
+    write_whole(output / FOUND_TABLE, found_csv(rows))
+    write_whole(output / FOUND_PAGE, found_page(rows, table=FOUND_TABLE))
     answers = sum(not one.reason for one in measured)
-    out.print(
-        f"{answers} of {len(measured)} bursts have an answer; whether it holds: {output / FOUND_PAGE}",
-        soft_wrap=True,
-        highlight=False,
-    )
+    if as_json:
+        made = {"bursts": len(measured), "answers": answers, "page": f"{output / FOUND_PAGE}"}
+        print_json(made | {"rows": [asdict(row) for row in rows]})
+        return
+    answer(f"{answers} of {len(measured)} bursts have an answer; whether it holds: {output / FOUND_PAGE}")
 
 
-def _calibrate_posterior(output: Path, names: list[str], sources: int, seed: int) -> None:
+def _calibrate_posterior(output: Path, names: list[str], sources: int, seed: int, *, as_json: bool) -> None:
     from bella.calibration import (
         calibration_page,
         check_sources,
@@ -87,26 +89,29 @@ def _calibrate_posterior(output: Path, names: list[str], sources: int, seed: int
         run_stratum,
         verdict_table,
     )
-    from bella.plotting import write_calibration_png
+    from bella.plotting import comparison_panels, write_calibration_png
 
     chosen = find_strata(names)
     check_sources(sources)
     _check_writable(output)
     comparisons = []
-    with _progress(len(chosen) * sources) as (advance, describe):
+    with naming_steps("calibrate", len(chosen) * sources) as (advance, describe):
         for stratum in chosen:
             describe(stratum.name)
             comparisons.append(run_stratum(stratum, sources, seed, advance))
     verdicts = judge(comparisons, seed)
+    write_whole(output / TABLE, verdict_table(verdicts))
+    write_whole(output / PAGE, calibration_page(verdicts, table=TABLE, figure=FIGURE))
     with _reporting(output):
-        page = calibration_page(verdicts, table=TABLE, figure=FIGURE)
-        _write_texts(output, {TABLE: verdict_table(verdicts), PAGE: page})
-        write_calibration_png(output / FIGURE, _panels(comparisons))
+        write_calibration_png(output / FIGURE, comparison_panels(comparisons))
     failed = failing(verdicts)
+    if as_json:
+        print_json({"page": f"{output / PAGE}", "failed": failed, "strata": [asdict(one) for one in verdicts]})
     if failed:
         raise BellaError(f"not calibrated: {', '.join(failed)}; see {output / PAGE}")
     declared = sum(not one.misfit for one in verdicts)
-    out.print(f"{declared} of {declared} strata are calibrated: {output / PAGE}", soft_wrap=True, highlight=False)
+    if not as_json:
+        answer(f"{declared} of {declared} strata are calibrated: {output / PAGE}")
 
 
 def _check_writable(folder: Path) -> None:
@@ -118,42 +123,152 @@ def _check_writable(folder: Path) -> None:
 
 
 @contextmanager
-def _reporting(folder: Path) -> Iterator[None]:
+def _reporting(path: Path, option: str = "--output") -> Iterator[None]:
     try:
         yield
     except OSError as error:
-        raise InputError(f"{folder} cannot be written ({error.strerror or error}); name another --output") from error
+        raise InputError(f"{path} cannot be written ({error.strerror or error}); name another {option}") from error
 
 
-def _write_texts(folder: Path, texts: dict[str, str]) -> None:
-    for name, text in texts.items():
-        partial = folder / f".{name}.{os.getpid()}"
-        try:
-            partial.write_text(text, encoding="utf-8")
-            partial.replace(folder / name)
-        finally:
-            partial.unlink(missing_ok=True)
+def coverage(  # noqa: PLR0913, PLR0917 - one argument per option
+    output: Annotated[Path, typer.Option(help="Map to write, netCDF.")],
+    at: Annotated[str | None, typer.Option(help="Time of the fleet, UTC, such as 2012-06-07T19:30.")] = None,
+    positions: Annotated[
+        Path | None,
+        typer.Option(help="CSV with observatory, x_rsun, y_rsun, z_rsun (HEE) and, where wanted, sigma_s."),
+    ] = None,
+    fleet: Annotated[str | None, typer.Option(help="Spacecraft to take, such as WIND,STEREO-A,SOLO.")] = None,
+    sigma: Annotated[
+        str | None,
+        typer.Option(help="Timing error in s, for all (38) or each (WIND=60,SOLO=7).", show_default="cadence"),
+    ] = None,
+    preset: Annotated[str, typer.Option(help="default, free-speed, paper or bella-2024.")] = "default",
+    size: Annotated[int, typer.Option(help="Nodes per axis, 2 to 2000.")] = 500,
+    exact: Annotated[
+        bool, typer.Option("--exact", help="Exact posterior at every node: minutes, not seconds.")
+    ] = False,
+    figure: Annotated[
+        Path | None, typer.Option(help="Figure to write, PNG.", show_default="name of the map, .png")
+    ] = None,
+    as_json: AsJson = False,
+) -> None:
+    """Map how well a fleet places a burst, everywhere in the ecliptic plane."""
+    from bella.multilateration.priors import find_preset, fleet_sigma
+    from bella.multilateration.uncertainty_map import exact_nodes, uncertainty_map
+    from bella.plotting import write_coverage_png
+    from bella.spacecraft import OBSERVATORIES
 
-
-def _panels(comparisons: "list[Comparison]") -> "list[Panel]":
-    from bella.calibration.ranks import pp_curve, simultaneous_band
-    from bella.plotting.calibration import POINTS, Panel
-
-    return [
-        Panel(
-            title=one.stratum.name,
-            curves={name: pp_curve(ranks, POINTS) for name, ranks in one.ranks.items()},
-            band=simultaneous_band(one.sources, POINTS),
-            declared=one.stratum.misfit is None,
+    picture = _check_paths(output, figure)
+    chosen = find_preset(preset)
+    if chosen.noise.bad_probability or chosen.priors.is_truncated:
+        raise InputError(f"a map knows Gaussian errors only, not preset {preset!r}; use default or free-speed")
+    given = timing_option(sigma)
+    nodes = exact_nodes(size, exact=exact)
+    receivers = _chosen(_receivers(at, positions), fleet, expected=OBSERVATORIES if positions is None else ())
+    with steps("exact posteriors", nodes) as advance:
+        uncertainty = uncertainty_map(
+            dict(zip(receivers["observatory"], receivers[["x_rsun", "y_rsun", "z_rsun"]].to_numpy(), strict=True)),
+            fleet_sigma(receivers, chosen, given),
+            chosen.priors,
+            size=size,
+            exact=exact,
+            epoch=None if at is None else instant(at),
+            advance=advance,
         )
-        for one in comparisons
-    ]
+    uncertainty.attrs |= {"preset": chosen.name}
+    write_netcdf(uncertainty, output)
+    with _reporting(picture, "--figure"):
+        write_coverage_png(picture, uncertainty)
+    _print_map(uncertainty, output, picture, as_json=as_json)
 
 
-@contextmanager
-def _progress(total: int) -> Iterator[tuple[Callable[[int], None], Callable[[str], None]]]:
-    """A bar on standard error: how to move it on, and how to say what is being worked on."""
-    columns = (TextColumn("{task.description:<28}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn())
-    with Progress(*columns, console=err) as bar:
-        task = bar.add_task("calibrate", total=total)
-        yield lambda steps: bar.advance(task, steps), lambda what: bar.update(task, description=what)
+def timing_option(text: str | None) -> dict[str, float] | float | None:
+    """Timing errors as ``--sigma`` gives them: one number for all, or a number for each of some observatories.
+
+    Parameters
+    ----------
+    text : str or None
+        ``38`` or ``WIND=60,STEREO-A=38``.
+
+    Returns
+    -------
+    dict of str to float, or float, or None
+        s.
+
+    Raises
+    ------
+    InputError
+        If it is neither, or not above 0.
+    """
+    if text is None:
+        return None
+    if "=" not in text:
+        return _seconds(text, text)
+    parts = [part.partition("=") for part in text.split(",")]
+    names = [name.strip() for name, _, _ in parts]
+    if len(set(names)) < len(names):
+        raise InputError(f"--sigma {text}: a spacecraft is named twice; give one number for each")
+    return {name: _seconds(value, text) for name, (_, _, value) in zip(names, parts, strict=True)}
+
+
+def _check_paths(output: Path, figure: Path | None) -> Path:
+    """Path of the figure; refuses, before any work, what cannot be written."""
+    picture = output.with_suffix(".png") if figure is None else figure
+    check_output(output)
+    check_output(picture, "--figure")
+    if picture.resolve() == output.resolve():
+        raise InputError(f"map and figure would both be {output}; name the map .nc, or another --figure")
+    return picture
+
+
+def _receivers(at: str | None, positions: Path | None) -> "pd.DataFrame":
+    """Table of receivers with columns observatory, x_rsun, y_rsun, z_rsun, sigma_s."""
+    from bella.spacecraft import fleet
+    from bella.spacecraft.positions import read_positions
+
+    if at is not None and positions is not None:
+        raise InputError("both --at and --positions are given; keep one of them")
+    if positions is not None:
+        check_file(positions)
+        return read_positions(positions)
+    if at is None:
+        raise InputError("where is the fleet? give a time with --at 2012-06-07T19:30, or a table with --positions FILE")
+    know_updates()
+    return fleet(instant(at)).assign(sigma_s=float("nan"))
+
+
+def _chosen(receivers: "pd.DataFrame", fleet: str | None, *, expected: tuple[str, ...]) -> "pd.DataFrame":
+    """Rows of the spacecraft that were asked for, or of all; says which of the expected ones are not there."""
+    known = list(dict.fromkeys([*receivers["observatory"], *expected]))
+    wanted = known if fleet is None else [name.strip() for name in fleet.split(",")]
+    unknown = [name for name in wanted if name not in known]
+    if unknown:
+        raise InputError(f"--fleet: spacecraft {unknown[0]!r} is not known; known are {', '.join(known)}")
+    chosen = receivers[receivers["observatory"].isin(wanted)]
+    absent = [name for name in wanted if name not in set(chosen["observatory"])]
+    if absent:
+        warn(f"Left out, not in the ephemeris at this time: {', '.join(absent)}")
+    return chosen
+
+
+def _seconds(value: str, option: str) -> float:
+    try:
+        seconds = float(value)
+    except ValueError as error:
+        raise InputError(f"--sigma {option}: {value!r} is not a number; write 38 or WIND=60,STEREO-A=38") from error
+    if not seconds > 0:
+        raise InputError(f"--sigma {option}: {value} s is not above 0; give seconds")
+    return seconds
+
+
+def _print_map(uncertainty: "xr.Dataset", output: Path, picture: Path, *, as_json: bool) -> None:
+    off = float(uncertainty["closed_form_off"].mean())
+    names = [str(name) for name in uncertainty["observatory"].to_numpy()]
+    if as_json:
+        made = {"observatories": names, "preset": uncertainty.attrs["preset"], "closed_form_off": off}
+        print_json(made | {"map": f"{output}", "figure": f"{picture}"})
+        return
+    say(f"Fleet   {', '.join(names)}")
+    say(f"Figure  {picture}")
+    say(f"The closed form is off by more than 10 % at {off:.0%} of the nodes, flagged closed_form_off")
+    answer(f"Map of the errors of {len(names)} spacecraft in {output}")

@@ -1,32 +1,26 @@
 """The commands ``bella catalogue list``, ``show``, ``prefer``, ``retract``, and tables that ``bella run`` prints."""
 
 import json
-import math
-import os
 from contextlib import closing
-from pathlib import Path
+from dataclasses import asdict
+from datetime import UTC, datetime, time, timedelta
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
-from rich.box import SIMPLE_HEAD
-from rich.console import Console
-from rich.table import Table
 
+from bella.cli.localise import position_table
+from bella.cli.options import AsJson, Home, day_option, open_catalogue, settings_of
+from bella.cli.output import answer, new_table, print_json, say, show
 from bella.exceptions import InputError
 from bella.flags import APPARENT_SOURCE
 from bella.records import REAL_ORIGINS
 
 if TYPE_CHECKING:
-    from bella.catalogue import Burst, BurstSummary, Catalogue, Solution
+    from rich.table import Table
+
+    from bella.catalogue import Burst, BurstSummary, Catalogue, Localisation, Solution
     from bella.records import Origin
-    from bella.settings import Settings
 
-out = Console()
-
-Home = Annotated[
-    Path | None, typer.Option(help="Folder that holds catalogue, store and figures.", show_default="bella-home")
-]
-AsJson = Annotated[bool, typer.Option("--json", help="Print JSON instead of a table.")]
 OriginOption = Annotated[
     str | None,
     typer.Option(
@@ -34,42 +28,94 @@ OriginOption = Annotated[
     ),
 ]
 BurstId = Annotated[str, typer.Argument(help="Such as T3-20120607-1929; bella catalogue list names them.")]
-ROWS_SHOWN = 9
-WHOLE = frozenset({"burst", "fit", "phi0, deg", "v_sw, km/s"})
-"""Columns that are not broken into lines."""
-LEFT = frozenset({"burst", "edge", "fit", "observatory", "flags", "answer"})
 
 catalogue_app = typer.Typer(help="Look into the catalogue of bursts, and choose their answers.", no_args_is_help=True)
 
 
-@catalogue_app.command("list", epilog="Example: bella catalogue list --json")
-def list_bursts(
+@catalogue_app.command("list", epilog="Example: bella catalogue list --from 2012-06-01 --grade AB --json")
+def list_bursts(  # noqa: PLR0913, PLR0917 - one argument per option
     home: Home = None,
-    limit: Annotated[int, typer.Option(help="So many bursts at most, 1 to 1000.")] = 50,
+    first: Annotated[str | None, typer.Option("--from", help="First day of the onset, UTC.")] = None,
+    last: Annotated[str | None, typer.Option("--to", help="Last day of the onset, UTC.")] = None,
+    observatory: Annotated[
+        list[str] | None, typer.Option(help="Spacecraft that detected it; may be given again: all of them.")
+    ] = None,
+    grade: Annotated[str | None, typer.Option(help="Grades of the answer, such as AB.", show_default="all")] = None,
+    without_flag: Annotated[
+        list[str] | None, typer.Option(help="Flag that the answer does not have; may be given again.")
+    ] = None,
     origin: OriginOption = None,
     retracted: Annotated[bool, typer.Option("--retracted", help="With those that were retracted.")] = False,
+    limit: Annotated[int, typer.Option(help="So many bursts at most, 1 to 1000.")] = 50,
     as_json: AsJson = False,
 ) -> None:
     """List the bursts with their answers, earliest first."""
     from bella.catalogue import BurstQuery
+    from bella.spacecraft.names import observatory_name
 
-    asked = frozenset(origins_of(origin))
-    with closing(open_catalogue(settings_of(home))) as catalogue:
-        page = catalogue.bursts(BurstQuery(limit=limit, origins=asked, with_retracted=retracted))
-    if as_json:
-        out.print_json(json.dumps([burst_row(one) for one in page.bursts]))
-        return
-    table = new_table(
-        f"{len(page.bursts)} of {page.total} bursts", "burst", "origin", "heard by", "MHz", "answer", "pinned"
+    query = BurstQuery(
+        start=None if first is None else _midnight(first, "--from"),
+        stop=None if last is None else _midnight(last, "--to") + timedelta(days=1),
+        observatories=frozenset(map(observatory_name, observatory or ())),
+        flags_absent=frozenset(without_flag or ()),
+        limit=limit,
+        origins=frozenset(origins_of(origin)),
+        with_retracted=retracted,
     )
-    for one in page.bursts:
-        burst, solution = one.burst, one.preferred
-        band = f"{burst.f_low_mhz:g} - {burst.f_high_mhz:g}"
-        pinned = "yes" if one.preference and one.preference.chosen_by == "person" else ""
-        said = solution.answer.sentence if solution else "no solution"
-        said = f"retracted: {burst.retracted.reason}" if burst.retracted else said
-        table.add_row(burst.burst_id, burst.origin.value, ", ".join(burst.observatories), band, said, pinned)
-    out.print(table)
+    grades = _grades(grade)
+    with closing(open_catalogue(settings_of(home))) as catalogue:
+        page = catalogue.bursts(query)
+    shown = [one for one in page.bursts if one.preferred is None or one.preferred.answer.grade in grades]
+    if as_json:
+        print_json([burst_row(one) for one in shown])
+        return
+    columns = ("burst", "onset (UTC)", "longitude", "wind", "grade", "detected by", "MHz", "origin", "remark")
+    left = ("burst", "detected by", "origin", "remark")
+    table = new_table("Bursts", *columns, left=left, whole=("burst", "onset (UTC)"))
+    for one in shown:
+        table.add_row(*_listed(one))
+    show(table)
+    answer(f"{len(shown)} of {page.total} bursts")
+
+
+def _midnight(text: str, option: str) -> datetime:
+    return datetime.combine(day_option(text, option), time(), UTC)
+
+
+def _grades(text: str | None) -> str:
+    from bella.answer import GRADES
+
+    asked = (text or "".join(GRADES)).upper().replace(",", "")
+    if not set(asked) <= set(GRADES):
+        raise InputError(f"--grade {text!r}: give some of {', '.join(GRADES)}, such as AB")
+    return asked
+
+
+def _listed(one: "BurstSummary") -> tuple[str, ...]:
+    burst, solution = one.burst, one.preferred
+    said = solution.answer if solution else None
+    longitude = wind = "-"
+    if said and said.phi0_deg is not None:
+        longitude = _interval(said.phi0_deg, said.phi0_low_deg, said.phi0_high_deg) + "°"
+    if said and said.v_sw_km_s is not None:
+        wind = _interval(said.v_sw_km_s, said.v_sw_low_km_s, said.v_sw_high_km_s)
+    pinned = "pinned" if one.preference and one.preference.chosen_by == "person" else ""
+    remark = f"retracted: {burst.retracted.reason}" if burst.retracted else pinned if said else "no solution"
+    return (
+        burst.burst_id,
+        f"{burst.start_utc:%Y-%m-%d %H:%M}",
+        longitude,
+        wind,
+        said.grade if said else "-",
+        ", ".join(burst.observatories),
+        f"{burst.f_low_mhz:g} - {burst.f_high_mhz:g}",
+        burst.origin.value,
+        remark,
+    )
+
+
+def _interval(middle: float, low: float | None, high: float | None) -> str:
+    return f"{middle:.0f}" if low is None or high is None else f"{middle:.0f} ({low:.0f} to {high:.0f})"
 
 
 @catalogue_app.command("show", epilog="Example: bella catalogue show T3-20120607-1929")
@@ -78,22 +124,41 @@ def show_burst(burst_id: BurstId, home: Home = None, as_json: AsJson = False) ->
     with closing(open_catalogue(settings_of(home))) as catalogue:
         summary = catalogue.burst(burst_id)
         if as_json:
-            out.print_json(json.dumps(burst_row(summary)))
+            print_json(burst_row(summary) | {"details": [_details(catalogue, one) for one in summary.solutions]})
             return
         for solution in summary.solutions:
-            out.print(track_table(catalogue, solution.solution_id))
+            show(track_table(catalogue, solution.solution_id))
         fits = [(one.series.edge, catalogue.track_fit(one.solution_id)) for one in summary.solutions]
-        out.print(fit_table(fits))
+        show(fit_table(fits))
         for solution in summary.solutions:
             which = "Preferred" if solution.preferred else "Other    "
             say(f"{which} {solution.solution_id}: {solution.answer.sentence}")
         say_answer(summary)
 
 
+def _details(catalogue: "Catalogue", solution: "Solution") -> dict[str, Any]:
+    """A solution for JSON with its positions and its track."""
+    positions = [_position(one) for one in catalogue.localisations(solution.solution_id)]
+    return {
+        "solution_id": solution.solution_id,
+        "preferred": solution.preferred,
+        "version": solution.version,
+        "series": asdict(solution.series),
+        "flags": list(solution.flags),
+        "answer": solution.answer.model_dump(),
+        "localisations": positions,
+        "track": catalogue.track_fit(solution.solution_id),
+    }
+
+
+def _position(row: "Localisation") -> dict[str, Any]:
+    return asdict(row) | {"emission_utc": f"{row.emission_utc:%Y-%m-%dT%H:%M:%S.%fZ}"}
+
+
 @catalogue_app.command(
     "prefer", epilog="Example: bella catalogue prefer T3-20120607-1929 half_maximum --reason 'clean light curves'"
 )
-def prefer(
+def prefer(  # noqa: PLR0913, PLR0917 - one argument per option
     burst_id: BurstId,
     series: Annotated[
         str | None,
@@ -105,6 +170,7 @@ def prefer(
     reason: Annotated[str, typer.Option(help="Why, in words; kept with the choice.")] = "",
     auto: Annotated[bool, typer.Option("--auto", help="Pin nothing: let the rule choose again.")] = False,
     home: Home = None,
+    as_json: AsJson = False,
 ) -> None:
     """Choose which series of a burst is its answer, whatever is published later."""
     if (series is None) != auto:
@@ -117,8 +183,7 @@ def prefer(
     with closing(open_catalogue(settings)) as catalogue:
         log_to(settings.home / "logs" / "bella.log")
         chosen = catalogue.prefer_by_rule(burst_id) if series is None else catalogue.prefer(burst_id, series, reason)
-        say(f"Preferred {chosen.solution_id}")
-        say_answer(catalogue.burst(burst_id))
+        _say_changed(catalogue.burst(burst_id), f"Preferred {chosen.solution_id}", as_json=as_json)
 
 
 @catalogue_app.command("retract", epilog="Example: bella catalogue retract T3-20120607-1929 --reason 'interference'")
@@ -126,6 +191,7 @@ def retract(
     name: Annotated[str, typer.Argument(help="Id of a burst or of a solution.")],
     reason: Annotated[str, typer.Option(help="Why, in one line; it is published.")],
     home: Home = None,
+    as_json: AsJson = False,
 ) -> None:
     """Retract a burst or one solution: it stays where it is, marked, and is no answer any more."""
     from bella.logs import log_to
@@ -134,8 +200,15 @@ def retract(
     with closing(open_catalogue(settings)) as catalogue:
         log_to(settings.home / "logs" / "bella.log")
         burst_id = catalogue.retract(name, reason)
-        say(f"Retracted {name}")
-        say_answer(catalogue.burst(burst_id))
+        _say_changed(catalogue.burst(burst_id), f"Retracted {name}", as_json=as_json)
+
+
+def _say_changed(summary: "BurstSummary", done: str, *, as_json: bool) -> None:
+    if as_json:
+        print_json(burst_row(summary))
+        return
+    say(done)
+    say_answer(summary)
 
 
 def origins_of(text: str | None) -> "tuple[Origin, ...]":
@@ -146,22 +219,6 @@ def origins_of(text: str | None) -> "tuple[Origin, ...]":
         return origins_asked(text)
     except ValueError as error:
         raise InputError(f"--origin {text!r}: give one of {', '.join([*Origin, ALL_ORIGINS])}") from error
-
-
-def settings_of(home: Path | None) -> "Settings":
-    """Settings of the environment; `home` wins, and is handed on to what reads the environment later."""
-    from bella.settings import read_settings
-
-    if home is not None:
-        os.environ["BELLA_HOME"] = str(home.resolve())
-    return read_settings()
-
-
-def open_catalogue(settings: "Settings", *, create: bool = False) -> "Catalogue":
-    """Catalogue of the settings."""
-    from bella.catalogue import Catalogue
-
-    return Catalogue.open(settings.catalogue_url, create=create)
 
 
 def burst_row(one: "BurstSummary") -> dict[str, Any]:
@@ -189,44 +246,17 @@ def burst_row(one: "BurstSummary") -> dict[str, Any]:
     }
 
 
-def new_table(title: str, *columns: str) -> Table:
-    """Empty table; columns of words are to the left."""
-    table = Table(
-        title=title, title_justify="left", title_style="bold", caption_justify="left", box=SIMPLE_HEAD, pad_edge=False
-    )
-    for name in columns:
-        table.add_column(name, justify="left" if name in LEFT else "right", no_wrap=name in WHOLE)
-    return table
-
-
-def track_table(catalogue: "Catalogue", solution_id: str) -> Table:
+def track_table(catalogue: "Catalogue", solution_id: str) -> "Table":
     """Positions of a solution, at most nine."""
-    rows = catalogue.localisations(solution_id)
-    table = new_table(solution_id, "MHz", "R_sun", "longitude", "sd x, y", "68 % area", "emitted", "speed")
-    shown = min(ROWS_SHOWN, len(rows))
-    for i in range(shown):
-        table.add_row(*_track_row(rows[round((len(rows) - 1) * (1 - i / max(shown - 1, 1)))]))
-    table.caption = f"{APPARENT_SOURCE}\nn.c.: not constrained (share of the prior's width that is left)"
-    return table
+    return position_table(solution_id, [asdict(row) for row in catalogue.localisations(solution_id)])
 
 
-def _track_row(row: Any) -> tuple[str, ...]:
-    constrained = "speed_not_constrained" not in row.flags
-    speed = f"{row.v_over_c:.3f} c" if constrained else f"n.c. ({row.contraction_v:.2f})"
-    return (
-        f"{row.frequency_mhz:.3f}",
-        f"{math.hypot(row.x_rsun, row.y_rsun):.1f}",
-        f"{math.degrees(math.atan2(row.y_rsun, row.x_rsun)):+.1f}°",
-        f"{math.sqrt(row.cov_xx_rsun2):.1f}, {math.sqrt(row.cov_yy_rsun2):.1f}",
-        f"{row.area68_rsun2:.0f}",
-        f"{row.emission_utc:%H:%M:%S}",
-        speed,
-    )
-
-
-def fit_table(fits: list[tuple[str, dict[str, Any]]]) -> Table:
+def fit_table(fits: list[tuple[str, dict[str, Any]]]) -> "Table":
     """Spirals by edge and method: medians with their 68 % intervals."""
-    table = new_table("Parker spiral behind the track", "edge", "fit", "days", "phi0, deg", "v_sw, km/s", "flags")
+    columns = ("edge", "fit", "days", "phi0, deg", "v_sw, km/s", "flags")
+    table = new_table(
+        "Parker spiral behind the track", *columns, left=("edge", "fit", "flags"), whole=("fit", *columns[3:5])
+    )
     for edge, track in fits:
         beside = track.get("companions", {})
         lines = [("joint", track.get("joint")), ("fused", beside.get("fused")), ("two-step", track.get("two_step"))]
@@ -259,15 +289,15 @@ def say_answer(summary: "BurstSummary") -> None:
     if summary.burst.origin not in REAL_ORIGINS:
         say(f"{summary.burst.burst_id} is of {summary.burst.origin} data, not of the Sun")
     if summary.burst.retracted is not None:
-        say(f"{summary.burst.burst_id}: retracted: {summary.burst.retracted.reason}")
+        answer(f"{summary.burst.burst_id}: retracted: {summary.burst.retracted.reason}")
         return
     if preferred is None or preference is None:
-        say(f"{summary.burst.burst_id}: no solution")
+        answer(f"{summary.burst.burst_id}: no solution")
         return
     say(calibration_sentence(summary.burst, preferred))
     by = "chosen by the rule" if preference.chosen_by == "rule" else "pinned"
     why = f", {preference.reason}" if preference.chosen_by == "person" and preference.reason else ""
-    say(f"{summary.burst.burst_id}: {preferred.answer.sentence} ({preferred.series.name}, {by}{why})")
+    answer(f"{summary.burst.burst_id}: {preferred.answer.sentence} ({preferred.series.name}, {by}{why})")
 
 
 def calibration_sentence(burst: "Burst", solution: "Solution") -> str:
@@ -286,8 +316,3 @@ def calibration_sentence(burst: "Burst", solution: "Solution") -> str:
     )
     found = tried(real)
     return f"{found.sentence} See {PAGE}" if found else NOT_TRIED
-
-
-def say(line: str) -> None:
-    """Print a line as one line, so that a path in it can be copied."""
-    out.print(line, soft_wrap=True, highlight=False, markup=False)

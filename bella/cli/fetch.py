@@ -1,29 +1,25 @@
 """The command ``bella fetch``: files of the archive into the mirror."""
 
-import json
 from collections import Counter
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager, suppress
+from collections.abc import Callable
+from contextlib import suppress
 from datetime import UTC, date, datetime, timedelta
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
-from rich.box import SIMPLE_HEAD
-from rich.console import Console
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
-from rich.table import Table
 
+from bella.cli.options import AsJson, Home, day_range, settings_of
+from bella.cli.output import answer, new_table, print_json, say, show, steps
 from bella.exceptions import InputError, UnreachableError
 
 if TYPE_CHECKING:
+    from rich.table import Table
+
     from bella.archive import Dataset, DayInMirror
     from bella.settings import Settings
 
-out, err = Console(), Console(stderr=True)
-
 EPILOG = "Example: bella fetch --from 2012-06-07 --to 2012-06-07 --dataset WI_H1_WAV --dataset STEREO_LEVEL2_SWAVES"
-MOST_DAYS = 3660
 
 
 def fetch(  # noqa: PLR0913, PLR0917 - one argument per option
@@ -43,8 +39,8 @@ def fetch(  # noqa: PLR0913, PLR0917 - one argument per option
         list[str] | None,
         typer.Option(help="Data set such as WI_L2_WAV_RAD1; may be given again.", show_default="all of these days"),
     ] = None,
-    home: Annotated[Path | None, typer.Option(help="Folder that holds the mirror.", show_default="bella-home")] = None,
-    as_json: Annotated[bool, typer.Option("--json", help="Print JSON instead of a table.")] = False,
+    home: Home = None,
+    as_json: AsJson = False,
 ) -> None:
     """Fetch spectra from the archive; tells what is there, what is not yet, and what could not be asked.
 
@@ -53,7 +49,7 @@ def fetch(  # noqa: PLR0913, PLR0917 - one argument per option
     """
     from bella.archive import fetch_days, open_archive
 
-    settings = _settings(home)
+    settings = settings_of(home)
     if follow:
         if first or last or dataset:
             raise InputError("--follow takes no days and no data sets: set BELLA_RECENT_DAYS")
@@ -66,20 +62,16 @@ def fetch(  # noqa: PLR0913, PLR0917 - one argument per option
     wanted = _wanted(dataset or [], days)
     root = settings.archive if archive is None else archive
     opened = open_archive(root, timeout_s=settings.archive_timeout_s, interval_s=settings.archive_interval_s)
-    with _progress(len(wanted) * len(days)) as advance:
-        outcomes = list(fetch_days(opened, wanted, days, settings.mirror_root, advance))
+    with steps("days of data sets", len(wanted) * len(days)) as advance:
+        outcomes = list(fetch_days(opened, wanted, days, settings.mirror_root, lambda: advance(1)))
     if as_json:
-        out.print_json(json.dumps([_row(outcome) for outcome in outcomes]))
+        print_json([_row(outcome) for outcome in outcomes])
     else:
-        out.print(_table(outcomes))
-        out.print(f"Mirror {settings.mirror_root.resolve()}", soft_wrap=True, highlight=False)
+        show(_table(outcomes))
+        say(f"Mirror {settings.mirror_root.resolve()}")
+        counts = Counter(outcome.state.replace("_", " ") for outcome in outcomes)
+        answer("Days of data sets: " + ", ".join(f"{number} {state}" for state, number in counts.items()))
     _fail_if_unreachable(outcomes)
-
-
-def _settings(home: Path | None) -> "Settings":
-    from bella.settings import Settings
-
-    return Settings() if home is None else Settings(home=home)
 
 
 def _follow(settings: "Settings") -> None:
@@ -109,52 +101,6 @@ def _beat(alive: Path) -> "Callable[[], None]":
             alive.touch()
 
     return _touch
-
-
-def day_range(first: str, last: str) -> tuple[date, date]:
-    """First and last day as options give them.
-
-    Parameters
-    ----------
-    first, last : str
-
-    Returns
-    -------
-    first, last : datetime.date
-
-    Raises
-    ------
-    InputError
-        If one is no day, the last is before the first, or there are too many.
-    """
-    begin, end = day_option(first, "--from"), day_option(last, "--to")
-    if end < begin:
-        raise InputError(f"--to {last} is before --from {first}; exchange them")
-    if (end - begin).days >= MOST_DAYS:
-        raise InputError(f"--from {first} --to {last} is more than {MOST_DAYS} days; take them in parts")
-    return begin, end
-
-
-def day_option(text: str, option: str) -> date:
-    """A day as an option gives it.
-
-    Parameters
-    ----------
-    text, option : str
-
-    Returns
-    -------
-    datetime.date
-
-    Raises
-    ------
-    InputError
-        If it is none.
-    """
-    try:
-        return date.fromisoformat(text)
-    except ValueError as error:
-        raise InputError(f"{option}: {text!r} is not a day; write it as 2012-06-07") from error
 
 
 def _wanted(keys: list[str], days: list[date]) -> "list[Dataset]":
@@ -195,13 +141,12 @@ def _row(outcome: "DayInMirror") -> dict[str, Any]:
     }
 
 
-def _table(outcomes: "list[DayInMirror]") -> Table:
-    table = Table("data set", "day", "state", "file", box=SIMPLE_HEAD, pad_edge=False, caption_justify="left")
+def _table(outcomes: "list[DayInMirror]") -> "Table":
+    columns = ("data set", "day", "state", "file")
+    table = new_table("", *columns, left=columns, whole=columns[:2])
     for outcome in outcomes:
         state = outcome.state.replace("_", " ")
         table.add_row(outcome.dataset.key, f"{outcome.day}", state, _remark(outcome))
-    counts = Counter(outcome.state.replace("_", " ") for outcome in outcomes)
-    table.caption = ", ".join(f"{number} {state}" for state, number in counts.items())
     return table
 
 
@@ -212,11 +157,3 @@ def _remark(outcome: "DayInMirror") -> str:
     if outcome.state == "no_file_yet":
         return f"usually there on {outcome.due}"
     return outcome.message
-
-
-@contextmanager
-def _progress(total: int) -> Iterator[Callable[[], None]]:
-    columns = (TextColumn("{task.description:<28}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn())
-    with Progress(*columns, console=err) as bar:
-        task = bar.add_task("days of data sets", total=total)
-        yield lambda: bar.advance(task)

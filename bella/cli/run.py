@@ -1,32 +1,35 @@
-"""What ``bella run`` does and prints: days of the archive, or one burst, under Prefect or without it."""
+"""The command ``bella run``: days of the archive or of a folder, or one burst, under Prefect or without it."""
 
-import json
+import os
+import shlex
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import closing, contextmanager
 from dataclasses import dataclass
 from datetime import date
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
-from rich.box import SIMPLE_HEAD
-from rich.console import Console
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
-from rich.table import Table
+import typer
 
-from bella.cli.catalogue import fit_table, open_catalogue, say, say_answer, track_table
+from bella.cli.catalogue import fit_table, say_answer, track_table
+from bella.cli.options import AsJson, Home, MethodName, PresetName, day_range, open_catalogue, settings_of
+from bella.cli.output import answer, new_table, print_json, say, show, stage_bars, warn
+from bella.exceptions import InputError
 from bella.logs import log_to
 
 if TYPE_CHECKING:
+    from rich.progress import Progress
+    from rich.table import Table
+
     from bella.pipeline.burst import Choice, Outcome
     from bella.pipeline.outcome import DayOutcome
     from bella.pipeline.user import BroughtFolder
     from bella.settings import Settings
 
+EPILOG = "Example: bella run --from 2020-07-21 --to 2020-07-22 --archive mirror --workers 2"
 MOST_REFUSALS = 3
 DIRECT = "direct"
 """Name of a run without an orchestrator, in leases and logs."""
-
-out, err = Console(), Console(stderr=True)
 
 
 @dataclass(frozen=True)
@@ -39,12 +42,15 @@ class Asked:
     direct : bool
         Without Prefect.
     as_json : bool
+    home : Path or None
+        Folder as it was given.
     """
 
     preset: str
     method: str = "posterior"
     direct: bool = False
     as_json: bool = False
+    home: Path | None = None
 
     @property
     def choice(self) -> "Choice":
@@ -54,90 +60,89 @@ class Asked:
         return Choice(self.method, self.preset)
 
 
+def run(  # noqa: PLR0913, PLR0917 - one argument per option
+    event: Annotated[str, typer.Option(help="Built-in event, by its date.")] = "2012-06-07",
+    first: Annotated[str | None, typer.Option("--from", help="First day of the archive to process, UTC.")] = None,
+    last: Annotated[str | None, typer.Option("--to", help="Last day.", show_default="the first")] = None,
+    archive: Annotated[
+        str | None, typer.Option(help="URL, or folder, below which pub/data is.", show_default="BELLA_ARCHIVE")
+    ] = None,
+    spectra: Annotated[
+        Path | None,
+        typer.Option(help="Folder of your own spectra, netCDF or Zarr, one file per spacecraft; all days it holds."),
+    ] = None,
+    preset: PresetName = "default",
+    method: MethodName = "posterior",
+    workers: Annotated[
+        int | None, typer.Option(min=1, help="Processes side by side; results are the same.", show_default="1")
+    ] = None,
+    direct: Annotated[bool, typer.Option("--direct", help="Without Prefect: the same results, sooner.")] = False,
+    home: Home = None,
+    as_json: AsJson = False,
+) -> None:
+    """Run the whole pipeline: on the built-in burst, or from spectra to sources on days of the archive or your own."""
+    from bella.archive import open_archive
+
+    if workers is not None:
+        os.environ["BELLA_WORKERS"] = str(workers)
+    settings = settings_of(home)
+    asked = Asked(preset, method, direct=direct, as_json=as_json, home=home)
+    if spectra is not None:
+        if archive is not None:
+            raise InputError("--spectra and --archive are two sources of days: give one of them")
+        if first is None and last is not None:
+            raise InputError("--to needs a first day: give --from too, or neither for all days of the folder")
+        begin, end = (None, None) if first is None else day_range(first, last or first)
+        if not spectra.is_dir():
+            raise InputError(f"folder {spectra} does not exist; name the folder of your spectra with --spectra")
+        with _pipeline(settings, asked) as bar:
+            _run_folder(spectra, (begin, end), settings, asked, bar)
+        return
+    if first is None and (last or archive) is not None:
+        raise InputError("days of the archive need a first one: give --from 2020-07-21")
+    if first is not None:
+        days, source = day_range(first, last or first), archive or settings.archive
+        open_archive(source)  # a wrong folder or address ends it here, before anything is started
+        with _pipeline(settings, asked) as bar:
+            _run_days(days, source, settings, asked, bar)
+        return
+    with _pipeline(settings, asked, event) as bar:
+        _run_event(event, settings, asked, bar)
+
+
 @contextmanager
-def pipeline(settings: "Settings", preset: str, method: str, event: str | None = None) -> Iterator[Progress]:
-    """What a run needs around it: folders, a log, its progress on the screen; bad choices are refused first.
-
-    Parameters
-    ----------
-    settings : Settings
-    preset, method : str
-    event : str, optional
-        Subject to be localised.
-
-    Yields
-    ------
-    rich.progress.Progress
-
-    Raises
-    ------
-    InputError
-        If a choice is not known, or the home folder cannot be made.
-    """
+def _pipeline(settings: "Settings", asked: Asked, event: str | None = None) -> "Iterator[Progress]":
+    """What a run needs around it: folders, a log, its progress on the screen; bad choices are refused first."""
     from bella.multilateration import check_choices
     from bella.pipeline.environment import prepare
     from bella.pipeline.inputs import check_subject
 
-    check_choices(preset, method)
+    check_choices(asked.preset, asked.method)
     if event is not None:
         check_subject(event, settings.incoming_root)
     prepare(settings)
     log_to(settings.home / "logs" / "bella.log")
-    with progress_bars() as bar:
+    with stage_bars() as bar:
         yield bar
 
 
-def run_folder(
-    folder: Path, days: "tuple[date | None, date | None]", settings: "Settings", asked: Asked, bar: Progress
+def _run_folder(
+    folder: Path, days: "tuple[date | None, date | None]", settings: "Settings", asked: Asked, bar: "Progress"
 ) -> None:
-    """Process days of a folder of spectra and print what became of them.
-
-    Parameters
-    ----------
-    folder : Path
-    days : tuple of (datetime.date or None)
-        First and last; None for all that the folder has.
-    settings : Settings
-    asked : Asked
-    bar : rich.progress.Progress
-        Is ended before anything is printed.
-
-    Raises
-    ------
-    UnfinishedError
-        After printing, if a day is not done, or a file was left out.
-    """
     from bella.pipeline.user import BroughtFolder
 
     brought = BroughtFolder(folder, settings)
     wanted = brought.days(*days)
     for one in brought.left_out:
-        err.print(f"Left out: {one}", soft_wrap=True, highlight=False)
+        warn(f"Left out: {one}")
     _print_done(lambda: _folder_done(wanted, brought, settings, asked, bar), asked, bar)
 
 
-def run_days(days: tuple[date, date], archive: str, settings: "Settings", asked: Asked, bar: Progress) -> None:
-    """Process days and print what became of them.
-
-    Parameters
-    ----------
-    days : tuple of datetime.date
-        First and last.
-    archive : str
-    settings : Settings
-    asked : Asked
-    bar : rich.progress.Progress
-        Is ended before anything is printed.
-
-    Raises
-    ------
-    UnfinishedError
-        After printing, if a day is not done.
-    """
+def _run_days(days: tuple[date, date], archive: str, settings: "Settings", asked: Asked, bar: "Progress") -> None:
     _print_done(lambda: _days_done(days, archive, settings, asked, bar), asked, bar)
 
 
-def _print_done(process: "Callable[[], Sequence[DayOutcome]]", asked: Asked, bar: Progress) -> None:
+def _print_done(process: "Callable[[], Sequence[DayOutcome]]", asked: Asked, bar: "Progress") -> None:
     from bella.pipeline.outcome import UnfinishedError
 
     unfinished = None
@@ -152,7 +157,7 @@ def _print_done(process: "Callable[[], Sequence[DayOutcome]]", asked: Asked, bar
 
 
 def _folder_done(
-    days: "Sequence[date]", brought: "BroughtFolder", settings: "Settings", asked: Asked, bar: Progress
+    days: "Sequence[date]", brought: "BroughtFolder", settings: "Settings", asked: Asked, bar: "Progress"
 ) -> "Sequence[DayOutcome]":
     if not asked.direct:
         with _prefect(bar):
@@ -163,7 +168,7 @@ def _folder_done(
 
 
 def _days_done(
-    days: tuple[date, date], archive: str, settings: "Settings", asked: Asked, bar: Progress
+    days: tuple[date, date], archive: str, settings: "Settings", asked: Asked, bar: "Progress"
 ) -> "Sequence[DayOutcome]":
     from bella.pipeline.run import days_between
 
@@ -193,35 +198,24 @@ def _directly(
     return done.outcomes
 
 
-def run_event(event: str, settings: "Settings", asked: Asked, bar: Progress) -> None:
-    """Localise one burst and print its tracks, fits, figures and answer.
-
-    Parameters
-    ----------
-    event : str
-        Date of the built-in event, or checksum of a submitted table.
-    settings : Settings
-    asked : Asked
-    bar : rich.progress.Progress
-        Is ended before anything is printed.
-    """
+def _run_event(event: str, settings: "Settings", asked: Asked, bar: "Progress") -> None:
     from bella.pipeline.burst import summary_table
 
     outcomes = _event_done(event, settings, asked, bar)
     bar.stop()
     if asked.as_json:
-        out.print_json(json.dumps(summary_table(outcomes)))
+        print_json(summary_table(outcomes))
         return
     with closing(open_catalogue(settings)) as catalogue:
         for outcome in outcomes:
-            out.print(track_table(catalogue, outcome.solution.solution_id))
+            show(track_table(catalogue, outcome.solution.solution_id))
         summary = catalogue.burst(outcomes[0].solution.burst_id)
-    out.print(fit_table([(outcome.solution.series.edge, outcome.track) for outcome in outcomes]))
-    _print_places(settings, summary.burst.burst_id, new=[outcome.new for outcome in outcomes])
+    show(fit_table([(outcome.solution.series.edge, outcome.track) for outcome in outcomes]))
+    _print_places(settings, summary.burst.burst_id, asked.home, new=[outcome.new for outcome in outcomes])
     say_answer(summary)
 
 
-def _event_done(event: str, settings: "Settings", asked: Asked, bar: Progress) -> "Sequence[Outcome]":
+def _event_done(event: str, settings: "Settings", asked: Asked, bar: "Progress") -> "Sequence[Outcome]":
     from bella.exceptions import NotPlacedError
     from bella.pipeline.run import Direct, Run, process_subject
     from bella.pipeline.workers import Workers
@@ -239,7 +233,7 @@ def _event_done(event: str, settings: "Settings", asked: Asked, bar: Progress) -
 
 
 @contextmanager
-def _prefect(bar: Progress) -> Iterator[None]:
+def _prefect(bar: "Progress") -> Iterator[None]:
     """A Prefect server for the time of a run."""
     starting = bar.add_task("start Prefect", total=1)
     # Prefect reads its settings when it is imported
@@ -251,50 +245,23 @@ def _prefect(bar: Progress) -> Iterator[None]:
         yield
 
 
-@contextmanager
-def progress_bars() -> Iterator[Progress]:
-    """Progress bars on standard error, one for each stage that the pipeline counts."""
-    from bella.pipeline.progress import listen
-
-    columns = (TextColumn("{task.description:<28}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn())
-    with Progress(*columns, console=err) as bar:
-        tasks: dict[str, Any] = {}
-
-        def _heard(stage: str, done: int, total: int) -> None:
-            if stage not in tasks:
-                tasks[stage] = bar.add_task(stage, total=total)
-            bar.update(tasks[stage], completed=done, total=total)
-
-        listen(_heard)
-        yield bar
-
-
 def _print_days(outcomes: "Sequence[DayOutcome]", asked: Asked) -> None:
     from bella.pipeline.outcome import summary_rows
 
     days = list(summary_rows(outcomes))
     if asked.as_json:
-        out.print_json(json.dumps(days))
+        print_json(days)
         return
-    out.print(days_table(days))
+    show(_days_table(days))
     for burst_id, sentence in (pair for day in days for pair in day["answers"].items()):
         say(f"{burst_id}: {sentence}")
+    localised, preliminary = (sum(len(day[name]) for day in days) for name in ("localised", "preliminary"))
+    answer(f"{len(days)} days: {localised} bursts localised, {preliminary} preliminary")
 
 
-def days_table(days: Sequence[dict[str, Any]]) -> Table:
-    """Table of processed days.
-
-    Parameters
-    ----------
-    days : sequence of dict
-        As :func:`bella.pipeline.outcome.summary_rows` returns them.
-
-    Returns
-    -------
-    rich.table.Table
-    """
+def _days_table(days: Sequence[dict[str, Any]]) -> "Table":
     names = ("day", "state", "answer", "found", "bursts", "localised", "preliminary", "not localised")
-    table = Table(*names, box=SIMPLE_HEAD, pad_edge=False)
+    table = new_table("", *names, left=names, whole=("day", "localised", "preliminary"))
     for day in days:
         is_searched = day["state"] == "searched"
         table.add_row(
@@ -318,10 +285,11 @@ def _refusals(refused: Sequence[dict[str, str]]) -> str:
     return "\n".join(shown + [f"and {len(counted) - MOST_REFUSALS} more"] * (len(counted) > MOST_REFUSALS))
 
 
-def _print_places(settings: "Settings", burst_id: str, *, new: list[bool]) -> None:
+def _print_places(settings: "Settings", burst_id: str, home: Path | None, *, new: list[bool]) -> None:
     changed = f"{sum(new)} new solutions" if any(new) else "nothing new: same inputs, same versions"
     say(f"Catalogue  {settings.catalogue_url.rsplit('@', 1)[-1].removeprefix('sqlite:///')} ({changed})")
     say(f"Posteriors {settings.store_root.resolve() / burst_id}")
     for path in sorted((settings.figures_root.resolve() / burst_id).glob("*.png")):
         say(f"Figure     {path}")
-    say("Page       make serve (or bella serve), then http://127.0.0.1:8000/bursts/" + burst_id)
+    serving = "bella serve" if home is None else f"bella serve --home {shlex.quote(str(home))}"
+    say(f"Page       {serving}, then http://127.0.0.1:8000/bursts/{burst_id}")

@@ -9,7 +9,7 @@ import numpy as np
 import xarray as xr
 from astropy.time import Time
 
-from bella.exceptions import InputError
+from bella.exceptions import InputError, require_extra
 from bella.formats.columns import Column
 from bella.formats.record_table import RecordTable, Values, distinct_times
 from bella.units import DAY_S
@@ -54,14 +54,13 @@ def parquet(table: RecordTable) -> bytes:
 
     Raises
     ------
-    InputError
+    MissingExtraError
         If the package pyarrow is not installed.
     """
-    try:
-        import pyarrow as pa  # noqa: PLC0415 - heavy, and optional
-        import pyarrow.parquet as pq  # noqa: PLC0415
-    except ImportError as error:
-        raise InputError("Parquet needs the package pyarrow: pip install pyarrow, or take another format") from error
+    require_extra("pyarrow")
+    import pyarrow as pa  # noqa: PLC0415 - heavy, and optional
+    import pyarrow.parquet as pq  # noqa: PLC0415
+
     kinds = {
         "time": pa.timestamp("us", tz="UTC"),
         "float": pa.float64(),

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from bella.arrivals import ArrivalGrid
-from bella.exceptions import ConvergenceError
+from bella.exceptions import ConvergenceError, require_extra
 from bella.heliosphere.scattering import DirectionalDelay
 from bella.multilateration.checks import predicted_arrivals
 from bella.multilateration.posterior import AXES, Draws, Moments, Posterior, Recipe, parameters
@@ -244,6 +244,7 @@ def _effective(trace: Any, frequency_mhz: float, names: tuple[str, ...]) -> floa
 
 def _library(name: str) -> Any:
     """Import one of the sampler's libraries: seconds each, and only this method needs them."""
+    require_extra(name)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", FutureWarning)  # arviz announces its next version to every user
         return import_module(name)

@@ -6,6 +6,7 @@ from typing import Literal
 
 import numpy as np
 import numpy.typing as npt
+import pandas as pd
 from scipy.special import gammaln, log_ndtr
 from scipy.stats import truncnorm
 
@@ -286,6 +287,35 @@ def apply_sigma_rule(grid: ArrivalGrid, preset: Preset) -> ArrivalGrid:
     sigma_s = np.broadcast_to(_sigma_per_receiver(grid.observatories, preset), grid.sigma_s.shape)
     sigma_s = np.where(np.isfinite(grid.sigma_s), sigma_s, np.nan)
     return replace(grid, sigma_s=sigma_s, shape_sd_s=np.zeros_like(grid.shape_sd_s), measured_s2=None)
+
+
+def fleet_sigma(
+    receivers: pd.DataFrame, preset: Preset, given: dict[str, float] | float | None
+) -> dict[str, float] | float | None:
+    """Timing errors of a fleet: what is given, else what the preset says, else the table.
+
+    Parameters
+    ----------
+    receivers : pandas.DataFrame
+        With columns observatory and sigma_s (s, NaN where it is not known).
+    preset : Preset
+    given : dict of str to float, or float, or None
+        Of some spacecraft, of all alike, or of none, s.
+
+    Returns
+    -------
+    dict of str to float, or float, or None
+        s; a spacecraft that is missing has the error that follows from its cadence.
+    """
+    if isinstance(given, float):
+        return given
+    ruled: dict[str, float] = {}
+    if preset.sigma_rule == "constant":
+        ruled = dict.fromkeys(receivers["observatory"], preset.sigma_s)
+    elif preset.sigma_rule == "table":
+        timed = receivers.dropna(subset=["sigma_s"])
+        ruled = dict(zip(timed["observatory"], timed["sigma_s"], strict=True))
+    return ruled | (given or {})
 
 
 def _sigma_per_receiver(observatories: tuple[str, ...], preset: Preset) -> FloatArray:

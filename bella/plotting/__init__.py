@@ -7,6 +7,7 @@ drawn with matplotlib, which is imported when one of their functions is first as
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
+from bella.exceptions import require_extra
 from bella.plotting.constellation import constellation_figure, selected_regions
 from bella.plotting.geometry import TrackView, polar_track, speed_remark
 from bella.plotting.palette import edge_name
@@ -15,20 +16,27 @@ from bella.plotting.spectra import spectra_figure
 
 if TYPE_CHECKING:
     from bella.plotting.aligned import write_aligned_png
-    from bella.plotting.calibration import write_calibration_png
+    from bella.plotting.calibration import comparison_panels, write_calibration_png
     from bella.plotting.collapsed import write_collapsed_png
     from bella.plotting.coverage import write_coverage_png
     from bella.plotting.day import write_spectrum_png
+    from bella.plotting.edges import write_edge_figures
     from bella.plotting.fleet import write_day_png
     from bella.plotting.light_curves import write_light_curves_png
     from bella.plotting.printed import write_constellation_png, write_spectra_png
+    from bella.plotting.quick import draw_arrivals, draw_detections, draw_positions, draw_track
     from bella.plotting.track import write_density_png, write_polar_fit_png
     from bella.plotting.wind import WindScene, write_wind_map_png
 
 __all__ = [
     "TrackView",
     "WindScene",
+    "comparison_panels",
     "constellation_figure",
+    "draw_arrivals",
+    "draw_detections",
+    "draw_positions",
+    "draw_track",
     "edge_name",
     "plotly_script",
     "plotly_version",
@@ -43,6 +51,7 @@ __all__ = [
     "write_coverage_png",
     "write_day_png",
     "write_density_png",
+    "write_edge_figures",
     "write_light_curves_png",
     "write_polar_fit_png",
     "write_spectra_png",
@@ -52,6 +61,11 @@ __all__ = [
 
 _DRAWN_IN = {
     "WindScene": "bella.plotting.wind",
+    "draw_arrivals": "bella.plotting.quick",
+    "draw_detections": "bella.plotting.quick",
+    "draw_positions": "bella.plotting.quick",
+    "draw_track": "bella.plotting.quick",
+    "comparison_panels": "bella.plotting.calibration",
     "write_aligned_png": "bella.plotting.aligned",
     "write_calibration_png": "bella.plotting.calibration",
     "write_collapsed_png": "bella.plotting.collapsed",
@@ -59,6 +73,7 @@ _DRAWN_IN = {
     "write_coverage_png": "bella.plotting.coverage",
     "write_day_png": "bella.plotting.fleet",
     "write_density_png": "bella.plotting.track",
+    "write_edge_figures": "bella.plotting.edges",
     "write_light_curves_png": "bella.plotting.light_curves",
     "write_polar_fit_png": "bella.plotting.track",
     "write_spectra_png": "bella.plotting.printed",
@@ -69,5 +84,6 @@ _DRAWN_IN = {
 
 def __getattr__(name: str) -> Any:
     if name in _DRAWN_IN:
+        require_extra("matplotlib")
         return getattr(import_module(_DRAWN_IN[name]), name)
     raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

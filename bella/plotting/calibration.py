@@ -8,6 +8,8 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from bella.calibration import Comparison
+from bella.calibration.ranks import pp_curve, simultaneous_band
 from bella.plotting.palette import INK
 from bella.plotting.printed import save_png
 from bella.units import FloatArray
@@ -47,6 +49,28 @@ class Panel:
     curves: Mapping[str, FloatArray]
     band: tuple[FloatArray, FloatArray]
     declared: bool
+
+
+def comparison_panels(comparisons: Sequence[Comparison]) -> list[Panel]:
+    """A panel of P-P curves for each stratum that was compared.
+
+    Parameters
+    ----------
+    comparisons : sequence of Comparison
+
+    Returns
+    -------
+    list of Panel
+    """
+    return [
+        Panel(
+            title=one.stratum.name,
+            curves={name: pp_curve(ranks, POINTS) for name, ranks in one.ranks.items()},
+            band=simultaneous_band(one.sources, POINTS),
+            declared=one.stratum.misfit is None,
+        )
+        for one in comparisons
+    ]
 
 
 def write_calibration_png(path: Path, panels: Sequence[Panel]) -> None:

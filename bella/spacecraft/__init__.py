@@ -8,6 +8,7 @@ from bella.spacecraft.ephemeris import (
     extend_with,
     fleet,
     light_time_s,
+    missing_from_fleet,
     position,
     position_hee,
 )
@@ -28,6 +29,7 @@ __all__ = [
     "hee_from",
     "hee_to",
     "light_time_s",
+    "missing_from_fleet",
     "observatory_name",
     "polar",
     "position",

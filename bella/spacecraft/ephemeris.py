@@ -30,6 +30,9 @@ BODIES = ("EARTH", "ACE", "STEREO-A", "STEREO-B", "PSP", "SOLO")
 OBSERVATORIES = ("WIND", "STEREO-A", "STEREO-B", "PSP", "SOLO")
 """Spacecraft with radio receivers whose position is known here."""
 
+ENDED = frozenset({"STEREO-B"})
+"""Of them, those that nobody has positions of any more: contact with STEREO-B was lost on 2014-10-01."""
+
 WIND_FRACTION_OF_EARTH = 0.99
 """Wind is put on the line from the Sun to Earth, at this fraction of Earth's distance (L1).
 
@@ -211,9 +214,11 @@ def _ecliptic_km(observatory: str, utc: Instants) -> FloatArray:
     outside = ~((utc >= start) & (utc <= stop))
     if outside.any():
         moment, first, last = (np.datetime_as_string(t, unit="s") for t in (utc[outside][0], start, stop))
+        is_later = bool(utc[outside][0] > stop) and observatory not in ENDED
+        advice = "ask for later ones with bella update-ephemeris, or give" if is_later else "give"
         raise NoDataError(
             f"the ephemeris has {observatory} from {first}Z to {last}Z, not at {moment}Z: "
-            "ask for later ones with bella update-ephemeris, or give its HEE position in columns x_rsun, y_rsun, z_rsun"
+            f"{advice} its HEE position in columns x_rsun, y_rsun, z_rsun"
         )
     scale = WIND_FRACTION_OF_EARTH if observatory == "WIND" else 1.0
     return scale * _spline_km(_body(observatory), utc)
@@ -332,6 +337,28 @@ def light_time_s(observatory: str, utc: npt.ArrayLike, point_rsun: npt.ArrayLike
 def _covers(observatory: str, moment: np.datetime64) -> bool:
     start, stop = coverage(observatory)
     return bool(start <= moment <= stop)
+
+
+def missing_from_fleet(utc: np.datetime64) -> dict[str, str]:
+    """Observatories whose positions end before an instant.
+
+    Parameters
+    ----------
+    utc : numpy.datetime64
+
+    Returns
+    -------
+    dict of str to str
+        Why each is missing, and what to do where something can be done.
+    """
+    moment = _instants(utc)[0]
+    reasons = {}
+    for name in OBSERVATORIES:
+        stop = coverage(name).stop
+        if moment > stop:
+            why = "when contact was lost" if name in ENDED else "ask for later ones with bella update-ephemeris"
+            reasons[name] = f"its positions end on {np.datetime_as_string(stop, unit='D')}: {why}"
+    return reasons
 
 
 def fleet(utc: np.datetime64, frame: str = "hee") -> pd.DataFrame:

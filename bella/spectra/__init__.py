@@ -12,7 +12,7 @@ from bella.spectra.dynamic_spectrum import (
     sample_times,
     validate_spectrum,
 )
-from bella.spectra.positions import ReceiverPosition, receiver_position
+from bella.spectra.positions import ReceiverPosition, fill_in_positions, receiver_position
 from bella.spectra.products import PRODUCTS, Product, find_product, open_spectra
 from bella.spectra.quirks import Quirk, quirks
 from bella.spectra.user import UserDay, UserFolder, user_days
@@ -31,6 +31,7 @@ __all__ = [
     "combine_receivers",
     "decibels",
     "event_spectra",
+    "fill_in_positions",
     "find_product",
     "from_radiospectra",
     "integration_times_s",

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import xarray as xr
 
-from bella.exceptions import InputError
+from bella.exceptions import InputError, require_extra
 from bella.records import Origin
 from bella.spacecraft import observatory_name
 from bella.spectra.assembly import Origin as Measured
@@ -56,6 +56,7 @@ def open_cf(path: Path, engine: str) -> tuple[xr.Dataset, ...]:
         if engine == "h5netcdf":
             check_hdf5(path)
         elif engine == "zarr":
+            require_extra("zarr")
             check_zarr(path)
         with _groups(path, engine) as groups:
             chosen = {name: group for name, group in groups.items() if "intensity" in group.data_vars}
@@ -199,17 +200,15 @@ def to_radiospectra(spectrum: xr.Dataset) -> "GenericSpectrogram":
 
     Raises
     ------
-    InputError
+    MissingExtraError
         If radiospectra is not installed.
     """
+    require_extra("radiospectra")
     import astropy.units as u  # noqa: PLC0415 - heavy, and few need it
     from astropy.time import Time  # noqa: PLC0415
+    from radiospectra.spectrogram import GenericSpectrogram  # noqa: PLC0415
+    from sunpy.net import attrs as a  # noqa: PLC0415
 
-    try:
-        from radiospectra.spectrogram import GenericSpectrogram  # noqa: PLC0415
-        from sunpy.net import attrs as a  # noqa: PLC0415
-    except ImportError as error:
-        raise InputError("radiospectra is not installed: pip install 'bella-service[radiospectra]'") from error
     times = Time(spectrum["time"].to_numpy(), scale="utc")
     frequency = spectrum["frequency"].to_numpy() * u.MHz
     meta: dict[str, Any] = {

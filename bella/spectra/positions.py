@@ -4,11 +4,12 @@ Files state positions at their own instants and in frames of their own; they are
 records of the spectrum, and turned to HEE only when asked for.
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Literal, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
+import pandas as pd
 import xarray as xr
 from scipy.interpolate import make_interp_spline
 
@@ -132,6 +133,43 @@ def receiver_position(spectrum: xr.Dataset, utc: np.datetime64) -> ReceiverPosit
     if difference_km > (WIND_TOLERANCE_KM if name == "WIND" else TOLERANCE_KM):
         return ReceiverPosition(np.asarray(known), "ephemeris", difference_km, DISAGREEMENT_FLAG)
     return ReceiverPosition(stated, "file", difference_km, "")
+
+
+def fill_in_positions(
+    arrivals: pd.DataFrame, spectra: Mapping[str, xr.Dataset], utc: np.datetime64
+) -> tuple[pd.DataFrame, list[str]]:
+    """Arrival table with the positions that come with the spectra: where ephemeris has none, or does not contradict.
+
+    Parameters
+    ----------
+    arrivals : pandas.DataFrame
+        Arrival table.
+    spectra : mapping of str to xarray.Dataset
+        By observatory.
+    utc : numpy.datetime64
+        The instant, and the epoch of the frame.
+
+    Returns
+    -------
+    table : pandas.DataFrame
+    remarks : list of str
+        On spacecraft without a position, and on those whose file contradicts the ephemeris.
+    """
+    table, remarks = arrivals.copy(), []
+    for name in dict.fromkeys(table["observatory"]):
+        try:
+            there = receiver_position(spectra[name], utc)
+        except NoDataError as error:
+            remarks.append(f"Without a position: {error}")
+            continue
+        if there.flag:
+            remarks.append(
+                f"{name}: the position in its file is {there.difference_km:.0f} km from the ephemeris, which is used"
+            )
+        if there.source == "file":
+            rows = table["observatory"] == name
+            table.loc[rows, ["x_rsun", "y_rsun", "z_rsun"]] = there.position_rsun
+    return table, remarks
 
 
 def _stated_rsun(spectrum: xr.Dataset, instant: TimeArray) -> FloatArray | None:

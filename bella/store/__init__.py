@@ -5,10 +5,14 @@ A group becomes visible in three steps, each of which may be the last one before
 Only then does one commit in the catalogue refer to it. What no commit refers to is an orphan, and swept later.
 """
 
+from bella.exceptions import require_extra
+
+require_extra("zarr")
+
 from bella.store.digest import content_sha256
 from bella.store.layout import group_file, place_group, sweep
 from bella.store.reading import FORMAT_VERSION, open_group, open_tree
-from bella.store.writing import stage_group, verify_group
+from bella.store.writing import stage_group, verify_group, write_group
 
 __all__ = [
     "FORMAT_VERSION",
@@ -20,4 +24,5 @@ __all__ = [
     "stage_group",
     "sweep",
     "verify_group",
+    "write_group",
 ]

@@ -13,7 +13,7 @@ from zarr.errors import ZarrUserWarning
 
 from bella.exceptions import StoreError
 from bella.store.digest import content_lines, datasets_of, is_text, sha256_of_lines
-from bella.store.layout import STAGING, SUFFIX, flush, flush_tree
+from bella.store.layout import STAGING, SUFFIX, flush, flush_tree, place_group
 from bella.store.reading import read_everything
 
 # one chunk per frequency is what one read needs, and one shard keeps 200 of them in one file
@@ -52,6 +52,26 @@ def stage_group(group: xr.Dataset | xr.DataTree, root: Path) -> Path:
         cause = str(error).partition("\n")[0]
         raise StoreError(f"the group could not be written to {root} ({cause}): free or repair it, run again") from error
     return staged
+
+
+def write_group(group: xr.Dataset | xr.DataTree, path: Path) -> None:
+    """Write a group to a path of its own, outside any store: verified, and whole or not there at all.
+
+    Parameters
+    ----------
+    group : xarray.Dataset or xarray.DataTree
+    path : Path
+        Where nothing is yet, in a folder that exists.
+
+    Raises
+    ------
+    StoreError
+        Where it cannot be written, or reads back differently.
+    """
+    staged = stage_group(group, path.parent)
+    verify_group(staged, group)
+    place_group(staged, path.parent, path.name)
+    staged.parent.rmdir()
 
 
 def verify_group(path: Path, group: xr.Dataset | xr.DataTree) -> str:

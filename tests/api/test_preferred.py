@@ -165,7 +165,13 @@ def test_commands_print_the_answer_and_refuse_what_is_not_clear(home: Settings) 
     assert pinned[-1].endswith("(gauss_hermite/posterior/robust/2d, pinned, outliers)")
     row = json.loads(command(home, "list", "--json"))[0]
     assert (row["chosen_by"], row["reason"]) == ("person", "outliers")
-    assert json.loads(command(home, "show", BURST_ID, "--json")) == row
+    narrow = CliRunner().invoke(app, ["catalogue", "list", "--home", str(home.home)], env={"COLUMNS": "40"})
+    assert BURST_ID in narrow.stdout
+    shown = json.loads(command(home, "show", BURST_ID, "--json"))
+    details = shown.pop("details")
+    assert shown == row
+    assert [one["solution_id"] for one in details] == row["solutions"]
+    assert all(one["localisations"] and one["track"] for one in details)
     assert command(home, "prefer", BURST_ID, "--auto").splitlines()[-1].endswith("chosen by the rule)")
     for wrong in ((), ("gauss_hermite", "--auto"), ("--auto", "--reason", "x"), ("gauss_hermite",)):
         assert CliRunner().invoke(app, ["catalogue", "prefer", BURST_ID, *wrong, "--home", str(home.home)]).exit_code

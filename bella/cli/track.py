@@ -1,24 +1,28 @@
 """The command ``bella fit-track``: the spiral behind a burst, from its arrival times."""
 
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
-from rich.box import SIMPLE_HEAD
-from rich.console import Console
-from rich.table import Table
 
-from bella.cli.ephemeris import know_updates
-from bella.cli.output import steps, write_whole
+from bella.cli.options import (
+    AsJson,
+    CovarianceFile,
+    check_file,
+    check_output,
+    delay_option,
+    know_updates,
+    numbers,
+)
+from bella.cli.output import answer, new_table, out, say, show, steps, write_whole
 from bella.exceptions import InputError
 from bella.heliosphere.parker import SIDEREAL_ROTATION_D
-from bella.heliosphere.scattering import LITERATURE_DELAY, NO_DELAY, DirectionalDelay
+from bella.heliosphere.scattering import LITERATURE_DELAY
 
 if TYPE_CHECKING:
     from bella.records import JointTrack, Moment, Parameter, Track
     from bella.tracks import TrackModel, WindPrior
-
-out, err = Console(), Console(stderr=True)
 
 EPILOG = "Example: bella fit-track arrivals.csv --output track.json"
 SHOWN = {
@@ -35,10 +39,7 @@ def fit_track(  # noqa: PLR0913, PLR0917 - one argument per option
     preset: Annotated[
         str, typer.Option(help="Timing errors of both fits, priors of the two-step positions: default, paper, ...")
     ] = "default",
-    covariance: Annotated[
-        Path | None,
-        typer.Option(help="Full covariance of the rows, netCDF, as bella arrivals writes it.", show_default="none"),
-    ] = None,
+    covariance: CovarianceFile = None,
     kappa: Annotated[
         str | None,
         typer.Option(
@@ -69,18 +70,22 @@ def fit_track(  # noqa: PLR0913, PLR0917 - one argument per option
     compare: Annotated[
         bool, typer.Option("--compare", help="Weigh models with a density law, a beam law, and a wind that changes.")
     ] = False,
-    as_json: Annotated[bool, typer.Option("--json", help="Print JSON instead of a table.")] = False,
+    as_json: AsJson = False,
 ) -> None:
     """Fit spiral, wind and beam of a burst to its arrival times."""
     from bella.answer import answer_of
     from bella.arrivals import read_arrivals, read_covariance
+    from bella.multilateration.priors import find_preset
     from bella.tracks import TrackRecipe, fit_table
     from bella.tracks.directions import read_directions
 
-    _check_output(output)
+    find_preset(preset)
+    check_output(output)
     if not 0 <= directions_floor <= 180:
         raise InputError(f"--directions-floor {directions_floor:g} is not between 0 and 180; give degrees")
     model, measured = _model(kappa, rotation), _wind(wind)
+    for path in filter(None, (arrivals, covariance, directions, other_edges)):
+        check_file(path)
     know_updates()
     table = read_arrivals(arrivals, heard_by=2)
     recipe = TrackRecipe(
@@ -101,15 +106,8 @@ def fit_track(  # noqa: PLR0913, PLR0917 - one argument per option
         out.print_json(text)
         return
     _print_fit(track)
-    out.print(f"Fit    {output}", soft_wrap=True, highlight=False)
-    out.print(f"Answer {answer_of(track, ()).sentence}", soft_wrap=True, highlight=False)
-
-
-def _check_output(output: Path) -> None:
-    if not output.parent.is_dir():
-        raise InputError(f"folder {output.parent} does not exist; make it or name another --output")
-    if output.is_dir():
-        raise InputError(f"{output} is a folder; name a file with --output")
+    say(f"Fit    {output}")
+    answer(answer_of(track, ()).sentence)
 
 
 def _model(kappa: str | None, rotation: float) -> "TrackModel":
@@ -117,30 +115,15 @@ def _model(kappa: str | None, rotation: float) -> "TrackModel":
 
     if not 1 <= rotation <= 100:
         raise InputError(f"--rotation {rotation:g} is not between 1 and 100 days; the sidereal period is 25.38")
-    if kappa is None:
-        return TrackModel(rotation_period_d=rotation)
-    if kappa == "none":
-        return TrackModel(rotation_period_d=rotation, delay=NO_DELAY)
-    mean, sd = _numbers(kappa, "--kappa", (2,), "0.1,0.12")
-    if not (abs(mean) <= 2 and 0 <= sd <= 2):
-        raise InputError(f"--kappa {kappa}: give a mean within 2 and a deviation between 0 and 2")
-    return TrackModel(rotation_period_d=rotation, delay=DirectionalDelay(mean, sd))
+    delay = delay_option(kappa)
+    model = TrackModel(rotation_period_d=rotation)
+    return model if delay is None else replace(model, delay=delay)
 
 
 def _wind(text: str | None) -> "WindPrior | None":
     from bella.tracks import measured_wind
 
-    return None if text is None else measured_wind(*_numbers(text, "--wind", (2, 4), "390,25"))
-
-
-def _numbers(text: str, option: str, counts: tuple[int, ...], example: str) -> tuple[float, ...]:
-    try:
-        values = tuple(float(part) for part in text.split(","))
-    except ValueError as error:
-        raise InputError(f"{option} {text}: not numbers; write {example}") from error
-    if len(values) not in counts:
-        raise InputError(f"{option} {text}: give {' or '.join(map(str, counts))} numbers, such as {example}")
-    return values
+    return None if text is None else measured_wind(*numbers(text, "--wind", (2, 4), "390,25"))
 
 
 def _print_fit(track: "Track") -> None:
@@ -150,9 +133,8 @@ def _print_fit(track: "Track") -> None:
     if joint.tier == "preliminary":
         _print_regions(joint)
         return
-    table = Table(title=f"Track of the burst: {joint.model}", title_justify="left", box=SIMPLE_HEAD, pad_edge=False)
-    for name in ("", "median (68 %)", "95 %", "of prior", "two-step"):
-        table.add_column(name, justify="left" if not name else "right")
+    columns = ("", "median (68 %)", "95 %", "of prior", "two-step")
+    table = new_table(f"Track of the burst: {joint.model}", *columns, left=("",))
     for name, (label, decimals) in SHOWN.items():
         cells, two_step = _cells(getattr(joint, name), decimals), written_68(line.get(name), decimals) or "-"
         if name == "v_sw_km_s":
@@ -160,21 +142,21 @@ def _print_fit(track: "Track") -> None:
             two_step = wind_gap(line) or two_step
         table.add_row(label, *cells, two_step)
     table.add_row("release of the beam, UTC", *_release_cells(joint.release_utc), "")
-    out.print(table)
-    out.print(f"Remark {track.remark}", soft_wrap=True, highlight=False)
+    show(table)
+    say(f"Remark {track.remark}")
     for which, flags in (("joint", joint.flags), ("two-step", line.get("flags", ()))):
-        out.print(f"Flags  {which}: {', '.join(flags) or 'none'}", soft_wrap=True, highlight=False)
+        say(f"Flags  {which}: {', '.join(flags) or 'none'}")
     for text in (*_account(joint), *_beside(track)):
-        out.print(text, soft_wrap=True, highlight=False)
+        say(text)
 
 
 def _print_regions(joint: "JointTrack") -> None:
     """What two spacecraft say: a list of longitudes with their probabilities."""
-    out.print(f"Track of the burst: {joint.model}", highlight=False)
+    say(f"Track of the burst: {joint.model}")
     for level, parts in (("68 %", joint.phi0_68), ("95 %", joint.phi0_95)):
         each = ", ".join(f"{one.low:.0f} to {one.high:.0f} ({one.probability:.2f})" for one in parts)
-        out.print(f"Longitude at 1 R_sun, deg, {level}: {each}", soft_wrap=True, highlight=False)
-    out.print(f"Flags  {', '.join(joint.flags) or 'none'}", soft_wrap=True, highlight=False)
+        say(f"Longitude at 1 R_sun, deg, {level}: {each}")
+    say(f"Flags  {', '.join(joint.flags) or 'none'}")
 
 
 def _account(joint: "JointTrack") -> list[str]:

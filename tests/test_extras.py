@@ -1,0 +1,46 @@
+"""A light installation: what an extra brings and is not there is named in one line."""
+
+import subprocess
+import sys
+
+import pytest
+
+from bella.exceptions import EXTRA_OF
+
+BLOCKED = "import sys; sys.modules[{package!r}] = None; "
+
+
+def run_without(package: str, code: str) -> subprocess.CompletedProcess[str]:
+    return subprocess.run(
+        [sys.executable, "-c", BLOCKED.format(package=package) + code], capture_output=True, text=True, check=False
+    )
+
+
+@pytest.mark.parametrize(
+    ("package", "arguments"),
+    [("sqlalchemy", ["catalogue", "list"]), ("fastapi", ["serve", "--port", "65501"]), ("prefect", ["run"])],
+)
+def test_a_command_without_its_packages_is_one_line(package: str, arguments: list[str], tmp_path: str) -> None:
+    done = run_without(
+        package, f"from bella.cli import main; sys.argv[1:] = {[*arguments, '--home', str(tmp_path)]!r}; main()"
+    )
+    lines = [line for line in done.stderr.splitlines() if line.startswith("bella: ")]
+    assert done.returncode == 1
+    assert lines == [f"bella: the package {package} is not installed: pip install 'bella-service[{EXTRA_OF[package]}]'"]
+    assert "Traceback" not in done.stderr
+
+
+@pytest.mark.parametrize(
+    ("package", "code"),
+    [
+        ("zarr", "import bella.store"),
+        ("matplotlib", "from bella.plotting import draw_track"),
+        ("pymc", "from bella.multilateration import nuts; nuts._library('pymc')"),
+        ("pyarrow", "from bella.formats.binary import parquet; parquet(None)"),
+        ("radiospectra", "from bella.spectra import to_radiospectra; to_radiospectra(None)"),
+    ],
+)
+def test_a_function_without_its_package_names_the_extra(package: str, code: str) -> None:
+    done = run_without(package, code)
+    assert done.stderr.splitlines()[-1].endswith(f"pip install 'bella-service[{EXTRA_OF[package]}]'")
+    assert "MissingExtraError" in done.stderr
