@@ -9,8 +9,6 @@ import numpy as np
 
 from api.service import Service
 from api.tables import (
-    all_bursts,
-    arrival_rows,
     burst_table,
     detection_table,
     localisation_table,
@@ -28,6 +26,7 @@ from bella.formats.hapi import (
     table_parameters,
     table_records,
 )
+from bella.pipeline.rows import all_bursts, arrival_rows
 from bella.spacecraft import OBSERVATORIES, coverage, position
 
 START = np.datetime64("1994-11-01", "us")

@@ -3,17 +3,13 @@
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import asdict
 
-import numpy as np
-import xarray as xr
 from fastapi import Request, Response
 from pydantic import Field
 
 from api.errors import NotAcceptableError
 from api.queries import BurstFilter, DetectionFilter, SolutionChoice
 from api.wording import APPARENT_SOURCE
-from bella.answer import read_track
-from bella.catalogue import BurstQuery, BurstSummary, Catalogue, Detection, Solution
-from bella.exceptions import InputError
+from bella.catalogue import BurstSummary, Catalogue, Detection, Solution
 from bella.formats import (
     BURSTS,
     DETECTIONS,
@@ -25,10 +21,8 @@ from bella.formats import (
     Schema,
     find_format,
     record_table,
-    track_numbers,
 )
-
-Row = dict[str, object]
+from bella.pipeline.rows import burst_row, localisation_rows, track_rows
 
 FORMAT = Field(None, description=f"{', '.join(FORMATS)}; without it, as the Accept header says.")
 JSON = FORMATS["json"]
@@ -131,7 +125,7 @@ def table_of_rows(schema: Schema, rows: Iterable[Mapping[str, object]], **header
 
 def burst_table(summaries: Iterable[BurstSummary]) -> RecordTable:
     """Table of bursts, each with what its preferred solution says."""
-    return table_of_rows(BURSTS, map(_burst_row, summaries))
+    return table_of_rows(BURSTS, map(burst_row, summaries))
 
 
 def detection_table(found: Iterable[Detection]) -> RecordTable:
@@ -141,99 +135,9 @@ def detection_table(found: Iterable[Detection]) -> RecordTable:
 
 def track_table(catalogue: Catalogue, summaries: Iterable[BurstSummary]) -> RecordTable:
     """Table of the joint tracks of the preferred solutions of bursts; bursts without a track are left out."""
-    return table_of_rows(TRACKS, (row for one in summaries for row in _track_rows(catalogue, one)))
+    return table_of_rows(TRACKS, (row for one in summaries for row in track_rows(catalogue, one)))
 
 
 def localisation_table(catalogue: Catalogue, solutions: Iterable[Solution]) -> RecordTable:
     """Table of the sources of solutions at each frequency."""
-    return table_of_rows(
-        LOCALISATIONS,
-        (
-            {**asdict(row), **_series(solution), "burst_id": solution.burst_id}
-            for solution in solutions
-            for row in catalogue.localisations(solution.solution_id)
-        ),
-    )
-
-
-def arrival_rows(solution: Solution, posterior: xr.Dataset, observatory: str | None = None) -> list[Row]:
-    """Arrival times that a solution was made from, by spacecraft and ascending frequency.
-
-    Raises
-    ------
-    InputError
-        If the spacecraft has none; the message lists those that have.
-    """
-    names = [str(name) for name in posterior["observatory"].to_numpy()]
-    if observatory is not None and observatory not in names:
-        raise InputError(
-            f"observatory: {observatory[:40]!r} has no arrival time here; those that have: {', '.join(names)}"
-        )
-    reference = np.datetime64(str(posterior.attrs["reference_time"]).removesuffix("Z"), "us")
-    times = reference + np.rint(posterior["arrival_s"].to_numpy() * 1e6).astype("timedelta64[us]")
-    numbers = {
-        name: posterior[name].to_numpy()
-        for name in ("sigma_s", "shape_sd_s", "offset_sd_s", "delay_s", "delay_sd_s", "rise_s")
-        if name in posterior
-    }
-    receiver = posterior["receiver_rsun"].to_numpy()
-    rows: list[Row] = []
-    for column, name in enumerate(names):
-        heard = np.flatnonzero(np.isfinite(posterior["arrival_s"].to_numpy()[:, column]))
-        rows += [
-            {
-                **{key: float(values[row, column]) for key, values in numbers.items()},
-                **dict(zip(("x_rsun", "y_rsun", "z_rsun"), receiver[row, column].tolist(), strict=True)),
-                "burst_id": solution.burst_id,
-                "solution_id": solution.solution_id,
-                "edge": solution.series.edge,
-                "observatory": name,
-                "frequency_mhz": float(posterior["frequency"][row]),
-                "arrival_utc": times[row, column],
-            }
-            for row in heard
-            if observatory in {None, name}
-        ]
-    return rows
-
-
-def all_bursts(catalogue: Catalogue, query: BurstQuery) -> Iterator[BurstSummary]:
-    """Bursts of all pages of a query."""
-    while True:
-        page = catalogue.bursts(query)
-        yield from page.bursts
-        if page.next_cursor is None:
-            return
-        query = BurstQuery(**{**vars(query), "cursor": page.next_cursor})
-
-
-def _burst_row(summary: BurstSummary) -> Row:
-    burst, preferred = summary.burst, summary.preferred
-    retracted = burst.retracted.reason if burst.retracted else ""
-    lists = {"observatories": " ".join(burst.observatories), "retracted": retracted}
-    row: Row = {**asdict(burst), **lists, "version": 0}
-    if preferred is None:
-        return row
-    said = preferred.answer.model_dump()
-    more = {"version": preferred.version, "created_utc": preferred.created_utc, "code_version": preferred.code_version}
-    return {**row, **said, **_series(preferred), **more, "flags": ";".join(preferred.flags)}
-
-
-def _series(solution: Solution) -> Row:
-    return {**asdict(solution.series), "solution_id": solution.solution_id}
-
-
-def _track_rows(catalogue: Catalogue, summary: BurstSummary) -> Iterator[Row]:
-    preferred = summary.preferred
-    track = read_track(catalogue.track_fit(preferred.solution_id)) if preferred else None
-    if preferred is None or track is None:
-        return
-    joint, answer = track.joint, preferred.answer
-    yield {
-        "burst_id": summary.burst.burst_id,
-        "start_utc": summary.burst.start_utc,
-        "grade": answer.grade,
-        "tier": answer.tier,
-        **track_numbers(joint),
-        **_series(preferred),
-    }
+    return table_of_rows(LOCALISATIONS, (row for one in solutions for row in localisation_rows(catalogue, one)))

@@ -9,7 +9,6 @@ from api.service import CatalogueHere, ServiceHere
 from api.tables import (
     ArrivalChoice,
     BurstTableFilter,
-    arrival_rows,
     asked_format,
     localisation_table,
     table_of_rows,
@@ -18,6 +17,7 @@ from api.tables import (
 )
 from bella.catalogue import BurstPage
 from bella.formats import ARRIVALS, FORMATS
+from bella.pipeline.rows import arrival_rows
 
 router = APIRouter(prefix="/api/v1", tags=["tables"])
 

@@ -1,13 +1,16 @@
 """Files that are served, checked by what reads them elsewhere: votlint, astropy, cdflib, tfcat."""
 
 import io
+import json
 import shutil
 import subprocess
 import warnings
 from pathlib import Path
+from typing import Any
 
 import cdflib
 import httpx
+import numpy as np
 import pytest
 from astropy.io.votable import validate
 from cdflib.xarray import cdf_to_xarray, xarray_to_cdf
@@ -68,7 +71,8 @@ def test_tfcat_is_read_and_sound(address: str, path: str, tmp_path: Path) -> Non
     tfcat = pytest.importorskip("tfcat", reason="tfcat is not installed: pip install tfcat")
     whose = f"{path}{'&' if '?' in path else '?'}observatory=STEREO-A"
     # never tfcat.validate: it fetches the schema from the network without checking who answers
-    made = tfcat.loads(fetched(address, whose, "tfcat", tmp_path).read_text())
+    text = fetched(address, whose, "tfcat", tmp_path).read_text()
+    made = tfcat.loads(text)
     assert made.crs["properties"]["ref_position_id"] == "stereo-a"
     assert len(made.features) > 0
     for feature in made.features:
@@ -77,6 +81,22 @@ def test_tfcat_is_read_and_sound(address: str, path: str, tmp_path: Path) -> Non
         assert low_t < high_t
         assert low_f < high_f
         assert set(feature.properties) == set(made.fields)
+    assert made.crs["properties"]["time_coords_id"] == "unix"
+    assert made.crs["properties"]["spectral_coords"] == {"type": "frequency", "unit": "MHz"}
+    for plain in json.loads(text)["features"]:  # the reader above rounds coordinates to six decimals
+        assert_is_sound(plain["geometry"], plain["bbox"])
+
+
+def assert_is_sound(geometry: Any, bbox: list[float]) -> None:
+    """The box is that of all points, and a ring is closed and anticlockwise."""
+    points = np.array(geometry["coordinates"], dtype=float).reshape(-1, 2)
+    np.testing.assert_array_equal([*points.min(axis=0), *points.max(axis=0)], bbox)
+    if geometry["type"] == "Polygon":
+        (ring,) = np.array(geometry["coordinates"])
+        np.testing.assert_array_equal(ring[0], ring[-1])
+        from_first = ring - ring[0]  # unix times are large: their products would lose the area
+        x, y = from_first[:, 0], from_first[:, 1]
+        assert np.sum(x[:-1] * y[1:] - x[1:] * y[:-1]) > 0
 
 
 def test_tfcat_of_several_spacecraft_asks_for_one(address: str) -> None:
