@@ -27,7 +27,7 @@ from bella.multilateration import localise
 from bella.records import Interval, JointTrack, Parameter
 from bella.tracks import fit_track
 from bella.tracks.likelihood import Likelihood
-from bella.tracks.model import FASTEST, LN_RANGE, SLOWEST
+from bella.tracks.model import FASTEST, LN_RANGE, NEAREST_RSUN, SLOWEST
 from bella.tracks.posterior import Draws, around_the_circle, sample
 from bella.tracks.spiral import track_fit
 from bella.units import C_RSUN_S, FloatArray, within_half_turn_deg
@@ -74,7 +74,7 @@ def pymc_model(likelihood: Likelihood, middle_rad: float) -> Any:
         range_rsun = pm.math.exp(pm.math.clip(basis @ (mean + root @ distance), *LN_RANGE))
         longitude = middle_rad + turned - track.model.turn_per_rsun * slowness * pm.math.maximum(range_rsun - 1, 0)
         apart = (x - range_rsun * pm.math.cos(longitude), y - range_rsun * pm.math.sin(longitude))
-        sight = pm.math.sqrt(apart[0] ** 2 + apart[1] ** 2 + z**2)
+        sight = pm.math.sqrt(apart[0] ** 2 + apart[1] ** 2 + z**2 + NEAREST_RSUN**2)
         cosine = (apart[0] * pm.math.cos(longitude) + apart[1] * pm.math.sin(longitude)) / sight
         late = (delay.kappa + delay.kappa_sd * kappa) * rows.rise_s * (1 - cosine)
         residual = likelihood.seen.arrival_s - sight / C_RSUN_S - late

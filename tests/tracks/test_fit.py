@@ -11,6 +11,8 @@ from bella.heliosphere.scattering import NO_DELAY, DirectionalDelay
 from bella.tracks import TrackFit, TrackModel, fit_track, measured_wind
 from bella.tracks.likelihood import Likelihood, evidence_of
 from bella.tracks.model import Track
+from bella.tracks.posterior import Draws
+from benchmarks.tracks import log_density_apart, pymc_model
 from tests.tracks.foreign import FOUR, FREQUENCY_MHZ, Burst, drawn
 
 
@@ -179,6 +181,17 @@ def test_metropolis_draws_the_same_posterior() -> None:
     )
     assert np.degrees(walked[:, 0].std()) == pytest.approx(fit.draws["phi0_deg"].std(), rel=0.12)
     assert walked[:, 1].std() == pytest.approx(fit.z[:, 0].std(), rel=0.12)
+
+
+def test_the_density_is_that_of_the_model_written_for_pymc() -> None:
+    _, grid = drawn(5004)
+    likelihood = Likelihood(Track(TrackModel(), (0.16, 1.9)), evidence_of(grid))
+    rng = np.random.default_rng(3)
+    phi0, z = rng.uniform(-3, 3, 20), rng.standard_normal((20, likelihood.track.size))
+    some = Draws(phi0, z, np.full(20, 0.05), 0.0)
+
+    # the densities are between -1e6 and -1e3
+    assert log_density_apart(pymc_model(likelihood, 0.4), likelihood, 0.4, some) < 1e-6
 
 
 @pytest.mark.parametrize(
