@@ -171,8 +171,9 @@ def arrivals(  # noqa: PLR0913, PLR0917 - one argument per option
 
     spectra, left_out = _read_fleet(spectrum)
     timed, unseen = time_spectra(spectra.values(), moment, edge)
+    remarks: list[str] = []
     if per_channel:
-        rows, table, remarks = timed.noise, timed.edges, []
+        rows, table = timed.noise, timed.edges
         write_csv(table, output)
     else:
         rows = arrivals_of(timed, frequencies)
