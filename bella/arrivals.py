@@ -595,12 +595,17 @@ def _known_names(table: pd.DataFrame, source: str) -> pd.Series:
     named: dict[str, str] = {}
     for row, (name, x) in enumerate(zip(table["observatory"], table[POSITION[0]], strict=True), start=1):
         try:
-            named[name] = observatory_name(name)
+            named[name] = observatory_name(name) if _is_plain(name) else name
         except InputError as error:
             if np.isnan(x):
                 raise InputError(f"{source}: row {row}, column observatory: {error}") from error
             named[name] = name
     return table["observatory"].map(named)
+
+
+def _is_plain(name: str) -> bool:
+    """Whether it can be an alias: "+wind" and names with control characters are none of Wind."""
+    return name[:1].isalnum() and name.isprintable()
 
 
 def _check_observatories(table: pd.DataFrame, source: str, heard_by: int) -> None:

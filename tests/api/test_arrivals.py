@@ -226,6 +226,7 @@ BROKEN: dict[str, tuple[str, list[str]]] = {
         for sign in ("+", "-", "@", " =")
     },
     "control character": (text(located(replace={"WIND": "wind\x1b[31m"})), ["column observatory"]),
+    "control character alone": (text(located(replace={"WIND": "wind\x1b"})), ["column observatory"]),
     "edge as a formula": (text(table().assign(edge="=1+1")), ["column edge"]),
     "edge as a path": (text(table().assign(edge="../x")), ["column edge", "letters, digits"]),
     "future": (text(table(shift_s=86400.0 * 365 * 100)), ["row 1", "column arrival_utc"]),
