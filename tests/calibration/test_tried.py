@@ -11,15 +11,17 @@ from bella.records import Origin
 
 
 def test_an_answer_has_rows_of_its_edge_and_of_its_grade_and_says_their_shares() -> None:
-    found = tried(Answered(3, "shared_profile", "final", "B"))
+    found = tried(Answered(3, "shared_profile", "final", "A"))
     assert found is not None
     expected = [
         one
         for one in published_rows()
         if (one.stratum, one.fleet, one.tier) == (ALL, "2012", "final")
-        and (one.edge, one.grade) in {("shared_profile", ALL), (ALL, "B")}
+        and (one.edge, one.grade) in {("shared_profile", ALL), (ALL, "A")}
+        and one.bursts >= 10  # fewer say nothing
     ]
     assert set(found.rows) == set(expected)
+    assert {one.grade for one in found.rows} == {ALL, "A"}
     longitudes = [one for one in found.rows if one.quantity == "phi0"]
     for one in longitudes:
         assert f"{one.bursts} " in found.sentence
