@@ -67,9 +67,9 @@ def localise(  # noqa: PLR0913, PLR0917 - one argument per option
     check_choices(preset, method, dimensions)
     check_output(output)
     if draws is not None:
-        check_output(draws, "--draws")
         if draws.exists():
             raise InputError(f"{draws} exists and is never overwritten; name another --draws")
+        check_output(draws, "--draws")
     delay = delay_option(kappa)
     for path in filter(None, (arrivals, covariance)):
         check_file(path)
