@@ -186,7 +186,9 @@ def test_the_commands_work_together(tmp_path: Path) -> None:
 
     code, text = command("ephemeris", "2026-10-10", "--frame", "heeq", "--json", home=tmp_path, url=url)
 
-    rows = {row["observatory"]: row for row in json.loads(text)}
+    rows = {
+        row["observatory"]: row for row in json.loads(text[text.index("[\n") :])
+    }  # after a remark on standard error
     assert 0.94 * 215.0 < rows["STEREO-A"]["range_rsun"] < 0.97 * 215.1
     assert {row["frame"] for row in rows.values()} == {"heeq"}
     assert Settings(home=tmp_path).ephemeris_extension.is_file()
