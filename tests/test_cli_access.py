@@ -128,6 +128,15 @@ def test_data_that_are_not_real_are_listed_only_when_asked_for(bella: Command, s
     assert "give one of archive" in str(fault_of(bella("catalogue", "list", "--origin", "martian")))
 
 
+def test_bursts_of_other_grades_are_neither_listed_nor_counted(bella: Command, settings: Settings) -> None:
+    with Catalogue.open(settings.catalogue_url) as catalogue:
+        grade = published(settings, catalogue).answer.grade
+    others = "ABCD".replace(grade, "")
+    assert bella("catalogue", "list", "--grade", grade).output.splitlines()[-1] == "1 of 1 bursts"
+    assert bella("catalogue", "list", "--grade", others.lower()).output.splitlines()[-1] == "0 of 0 bursts"
+    assert "give some of A, B, C, D" in str(fault_of(bella("catalogue", "list", "--grade", "AE")))
+
+
 def test_pruning_takes_the_draws_of_superseded_solutions_alone(bella: Command, settings: Settings) -> None:
     from bella.store import open_group, sweep
 

@@ -153,22 +153,26 @@ def _filters(query: BurstQuery) -> list[ColumnElement[bool]]:
         by_this = select(heard.c.burst_id).where(heard.c.burst_id == table.c.burst_id, heard.c.observatory == name)
         conditions.append(by_this.exists())
     if query.flags_absent:
-        conditions.append(~_preferred_flagged(query.flags_absent))
+        flagged = table_of(SolutionFlagRow)
+        of_solution = flagged.c.solution_id == table_of(SolutionRow).c.solution_id
+        has_flag = select(flagged.c.flag).where(of_solution, flagged.c.flag.in_(sorted(query.flags_absent))).exists()
+        conditions.append(~_preferred_is(has_flag))
+    if query.grades:
+        conditions.append(_preferred_is(table_of(SolutionRow).c.grade.in_(sorted(query.grades))))
     return conditions
 
 
-def _preferred_flagged(flags: frozenset[str]) -> ColumnElement[bool]:
-    """Condition that the preferred solution of a burst has any of these flags."""
-    flagged, solutions, preference = table_of(SolutionFlagRow), table_of(SolutionRow), table_of(PreferenceRow)
+def _preferred_is(condition: ColumnElement[bool]) -> ColumnElement[bool]:
+    """Condition that a burst has a preferred solution for which `condition` holds."""
+    solutions, preference = table_of(SolutionRow), table_of(PreferenceRow)
     same = [solutions.c[name] == preference.c[name] for name in ("burst_id", *SERIES_COLUMNS)]
-    bad = (
-        select(flagged.c.flag)
-        .join(solutions, solutions.c.solution_id == flagged.c.solution_id)
+    such = (
+        select(solutions.c.solution_id)
         .join(preference, and_(*same))
         .where(solutions.c.burst_id == table_of(BurstRow).c.burst_id, is_newest(solutions))
-        .where(flagged.c.flag.in_(sorted(flags)))
+        .where(condition)
     )
-    return bad.correlate(table_of(BurstRow)).exists()
+    return such.correlate(table_of(BurstRow)).exists()
 
 
 def _summaries(connection: Connection, rows: Any) -> tuple[BurstSummary, ...]:

@@ -242,14 +242,16 @@ class Publication:
 class BurstQuery:
     """Which bursts, and which page of them.
 
-    The onset is in [start, stop), all of `observatories` heard it, the preferred solution has none of `flags_absent`,
-    the data are of one of `origins`, and it was not retracted unless `with_retracted`.
+    The onset is in [start, stop), all of `observatories` detected it, the preferred solution has none of `flags_absent`
+    and one of `grades` (all bursts where this is empty), the data are of one of `origins`, and it was not retracted
+    unless `with_retracted`.
     """
 
     start: datetime | None = None
     stop: datetime | None = None
     observatories: frozenset[str] = field(default_factory=frozenset)
     flags_absent: frozenset[str] = field(default_factory=frozenset)
+    grades: frozenset[str] = field(default_factory=frozenset)
     cursor: str | None = None
     limit: int = 100
     origins: frozenset[Origin] = frozenset(REAL_ORIGINS)

@@ -46,7 +46,7 @@ def list_bursts(  # noqa: PLR0913, PLR0917 - one argument per option
     ] = None,
     origin: OriginOption = None,
     retracted: Annotated[bool, typer.Option("--retracted", help="With those that were retracted.")] = False,
-    limit: Annotated[int, typer.Option(help="So many bursts at most, 1 to 1000.")] = 50,
+    limit: Annotated[int, typer.Option(help="Largest number of bursts, 1 to 1000.")] = 50,
     as_json: AsJson = False,
 ) -> None:
     """List the bursts with their answers, earliest first."""
@@ -58,35 +58,34 @@ def list_bursts(  # noqa: PLR0913, PLR0917 - one argument per option
         stop=None if last is None else _midnight(last, "--to") + timedelta(days=1),
         observatories=frozenset(map(observatory_name, observatory or ())),
         flags_absent=frozenset(without_flag or ()),
+        grades=_grades(grade),
         limit=limit,
         origins=frozenset(origins_of(origin)),
         with_retracted=retracted,
     )
-    grades = _grades(grade)
     with closing(open_catalogue(settings_of(home))) as catalogue:
         page = catalogue.bursts(query)
-    shown = [one for one in page.bursts if one.preferred is None or one.preferred.answer.grade in grades]
     if as_json:
-        print_json([burst_row(one) for one in shown])
+        print_json([burst_row(one) for one in page.bursts])
         return
     columns = ("burst", "onset (UTC)", "longitude", "wind", "grade", "detected by", "MHz", "origin", "remark")
     left = ("burst", "detected by", "origin", "remark")
     table = new_table("Bursts", *columns, left=left, whole=("burst", "onset (UTC)"))
-    for one in shown:
+    for one in page.bursts:
         table.add_row(*_listed(one))
     show(table)
-    answer(f"{len(shown)} of {page.total} bursts")
+    answer(f"{len(page.bursts)} of {page.total} bursts")
 
 
 def _midnight(text: str, option: str) -> datetime:
     return datetime.combine(day_option(text, option), time(), UTC)
 
 
-def _grades(text: str | None) -> str:
+def _grades(text: str | None) -> frozenset[str]:
     from bella.answer import GRADES
 
-    asked = (text or "".join(GRADES)).upper().replace(",", "")
-    if not set(asked) <= set(GRADES):
+    asked = frozenset((text or "").upper().replace(",", ""))
+    if not asked <= GRADES.keys():
         raise InputError(f"--grade {text!r}: give some of {', '.join(GRADES)}, such as AB")
     return asked
 
@@ -255,7 +254,7 @@ def fit_table(fits: list[tuple[str, dict[str, Any]]]) -> "Table":
     """Spirals by edge and method: medians with their 68 % intervals."""
     columns = ("edge", "fit", "days", "phi0, deg", "v_sw, km/s", "flags")
     table = new_table(
-        "Parker spiral behind the track", *columns, left=("edge", "fit", "flags"), whole=("fit", *columns[3:5])
+        "Parker spiral behind the track", *columns, left=("edge", "fit", "flags"), whole=("edge", "fit", *columns[3:5])
     )
     for edge, track in fits:
         beside = track.get("companions", {})

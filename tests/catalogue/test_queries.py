@@ -13,7 +13,7 @@ from sqlalchemy import event
 from bella.catalogue import BurstQuery, Catalogue, Series
 from bella.catalogue.queries import cursor_after, parse_cursor
 from bella.exceptions import InputError
-from tests.catalogue.examples import START, burst, publication
+from tests.catalogue.examples import START, burst, fitted, publication
 
 windows = count()
 
@@ -56,6 +56,17 @@ def test_none_of_the_flags_may_be_on_the_solution(three: Catalogue) -> None:
     assert ids(three, BurstQuery(flags_absent=frozenset({"two_modes", "unknown"}))) == ["B"]
     both = BurstQuery(flags_absent=frozenset({"two_modes"}), observatories=frozenset({"WIND"}), start=START)
     assert ids(three, both) == ["B"]
+
+
+def test_the_grade_is_that_of_the_preferred_newest_solution(three: Catalogue) -> None:
+    at = three.burst("B").burst
+    three.publish(publication("h2", of=at, track_fit=fitted()))
+    assert ids(three, BurstQuery(grades=frozenset("A"))) == ["B"]
+    assert ids(three, BurstQuery(grades=frozenset("BCD"))) == ["A", "C"]
+    one = three.bursts(BurstQuery(grades=frozenset("D"), limit=1))
+    assert (one.bursts[0].burst.burst_id, one.total) == ("A", 2)
+    three.publish(publication("h3", of=at))
+    assert ids(three, BurstQuery(grades=frozenset("A"))) == []
 
 
 def test_only_flags_of_the_preferred_newest_solution_count(three: Catalogue) -> None:
