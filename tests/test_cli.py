@@ -12,6 +12,7 @@ import typer
 from typer.testing import CliRunner
 
 from bella.cli import app
+from bella.cli.output import new_table, show, talk
 
 README = Path(__file__).parents[1] / "README.md"
 MAKEFILE = Path(__file__).parents[1] / "Makefile"
@@ -109,3 +110,13 @@ def test_readme_names_words_that_make_knows() -> None:
 def test_readme_links_lead_somewhere() -> None:
     for target in re.findall(r"\]\((?!http)([^)#]+)\)", README.read_text()):
         assert (README.parent / target).is_file(), target
+
+
+def test_a_narrow_terminal_cuts_no_word(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
+    table = new_table("", "burst", "flags", left=("burst", "flags"), whole=("burst",))
+    table.add_row("T3-20120607-1929", "v_sw_not_constrained")
+    monkeypatch.setattr(talk, "_width", 20)
+    show(table)
+    printed_rows = capsys.readouterr().out
+    assert "T3-20120607-1929" in printed_rows
+    assert re.sub(r"\s", "", printed_rows).endswith("v_sw_not_constrained")

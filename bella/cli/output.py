@@ -117,7 +117,8 @@ def new_table(title: str, *columns: str, left: Sequence[str] = (), whole: Sequen
         pad_edge=False,
     )
     for name in columns:
-        table.add_column(name, justify="left" if name in left else "right", no_wrap=name in whole)
+        # a long word is folded: a cut one says nothing
+        table.add_column(name, justify="left" if name in left else "right", no_wrap=name in whole, overflow="fold")
     return table
 
 
