@@ -336,13 +336,13 @@ def time_edges(
     NoDataError
         If no spacecraft shows a burst there.
     """
-    from bella.bursts.timing import EDGES, arrivals_at, shared_frequencies_mhz, time_spectra  # noqa: PLC0415 - heavy
+    from bella.bursts.timing import EDGES, arrivals_of, time_spectra  # noqa: PLC0415 - heavy
     from bella.bursts.timing import arrival_frame as timed_frame  # noqa: PLC0415
 
     if edge not in EDGES:
         raise InputError(f"edge {edge!r} is not known; choose one of {', '.join(EDGES)}")
     timed, _ = time_spectra(_fleet(spectra).values(), _moment(around), edge)
-    rows = arrivals_at(timed, shared_frequencies_mhz(timed, frequencies))
+    rows = arrivals_of(timed, frequencies)
     return Arrivals(timed_frame(timed, rows), rows.covariance_s2())
 
 

@@ -508,7 +508,7 @@ def arrivals_of(timed: TimedBurst, number: int = FREQUENCIES) -> Timed:
     if len(names) > 1 or (timed.bands_mhz and shared_mhz.size):
         return arrivals_at(timed, shared_mhz)
     if not timed.noise.frequency_mhz.size:
-        raise NoDataError(f"no channel of {names[0]} has an edge without a flag; see them with --per-channel")
+        raise NoDataError(f"no channel of {names[0]} has an edge without a flag: give another time, or another edge")
     return timed.noise
 
 
