@@ -1,12 +1,16 @@
 """A light installation: what an extra brings and is not there is named in one line."""
 
+import re
 import subprocess
 import sys
+import tomllib
+from pathlib import Path
 
 import pytest
 
 from bella.exceptions import EXTRA_OF
 
+PYPROJECT = Path(__file__).parents[1] / "pyproject.toml"
 BLOCKED = "import sys; sys.modules[{package!r}] = None; "
 
 
@@ -44,3 +48,9 @@ def test_a_function_without_its_package_names_the_extra(package: str, code: str)
     done = run_without(package, code)
     assert done.stderr.splitlines()[-1].endswith(f"pip install 'bella-service[{EXTRA_OF[package]}]'")
     assert "MissingExtraError" in done.stderr
+
+
+def test_the_extra_that_is_named_brings_the_package() -> None:
+    extras = tomllib.loads(PYPROJECT.read_text())["project"]["optional-dependencies"]
+    for package, extra in EXTRA_OF.items():
+        assert package in {re.split(r"[^\w-]", one)[0] for one in extras[extra]}, package
