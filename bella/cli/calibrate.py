@@ -152,7 +152,7 @@ def coverage(  # noqa: PLR0913, PLR0917 - one argument per option
     ] = None,
     as_json: AsJson = False,
 ) -> None:
-    """Map how well a fleet places a burst, everywhere in the ecliptic plane."""
+    """Map how well a fleet localises a burst, everywhere in the ecliptic plane."""
     from bella.multilateration.priors import find_preset, fleet_sigma
     from bella.multilateration.uncertainty_map import exact_nodes, uncertainty_map
     from bella.plotting import write_coverage_png

@@ -42,7 +42,7 @@ def fetch(  # noqa: PLR0913, PLR0917 - one argument per option
     home: Home = None,
     as_json: AsJson = False,
 ) -> None:
-    """Fetch spectra from the archive; tells what is there, what is not yet, and what could not be asked.
+    """Fetch spectra from the archive; lists what is there, what is not there yet, and where the archive did not answer.
 
     With --follow also positions of the spacecraft, hourly speeds of the wind and summaries of active regions, each as
     soon as it can be expected.

@@ -54,7 +54,7 @@ def detect(
     ] = None,
     as_json: AsJson = False,
 ) -> None:
-    """Find Type III bursts, tell which spacecraft detected the same one, and whether it can be localised."""
+    """Find Type III bursts, which spacecraft detected the same one, and whether it can be localised."""
     check_output(output)
     for path in spectrum:
         check_file(path)
@@ -146,7 +146,7 @@ def arrivals(  # noqa: PLR0913, PLR0917 - one argument per option
     per_channel: Annotated[
         bool, typer.Option("--per-channel", help="Edges of the channels as they are, flagged ones too.")
     ] = False,
-    frequencies: Annotated[int, typer.Option(help="So many frequencies that the spacecraft share.")] = 40,
+    frequencies: Annotated[int, typer.Option(help="Number of frequencies that the spacecraft share.")] = 40,
     covariance: Annotated[
         Path | None,
         typer.Option(
@@ -311,7 +311,7 @@ def simulate(  # noqa: PLR0913, PLR0917 - one argument per option
     ] = None,
     as_json: AsJson = False,
 ) -> None:
-    """Write synthetic days: bursts of known beams, and what is none, as every receiver of the fleet records them."""
+    """Write simulated days as files of every receiver: bursts of known beams, storms, interference and gaps."""
     if not 0 < days <= MOST_SIMULATED_DAYS:
         raise InputError(f"--days {days} is not between 1 and {MOST_SIMULATED_DAYS}; simulate more in parts")
     if seed < 0:

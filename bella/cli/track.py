@@ -63,7 +63,7 @@ def fit_track(  # noqa: PLR0913, PLR0917 - one argument per option
     other_edges: Annotated[
         Path | None,
         typer.Option(
-            help="Arrival table by another definition of the edge, CSV: two spacecraft are placed where both agree.",
+            help="Arrival table by another definition of the edge, CSV: of two spacecraft, both must agree.",
             show_default="none",
         ),
     ] = None,

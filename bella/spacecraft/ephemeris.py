@@ -356,7 +356,7 @@ def missing_from_fleet(utc: np.datetime64) -> dict[str, str]:
     for name in OBSERVATORIES:
         stop = coverage(name).stop
         if moment > stop:
-            why = "when contact was lost" if name in ENDED else "ask for later ones with bella update-ephemeris"
+            why = "contact was lost then" if name in ENDED else "ask for later ones with bella update-ephemeris"
             reasons[name] = f"its positions end on {np.datetime_as_string(stop, unit='D')}: {why}"
     return reasons
 
