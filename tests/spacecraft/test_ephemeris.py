@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from sunpy.coordinates import HeliocentricEarthEcliptic
 
 from bella.exceptions import InputError, NoDataError
-from bella.spacecraft import BODIES, OBSERVATORIES, coverage, fleet, position_hee
+from bella.spacecraft import BODIES, OBSERVATORIES, coverage, fleet, missing_from_fleet, position, position_hee
 from bella.spacecraft.ephemeris import _ecliptic_km
 from bella.units import AU_RSUN, R_SUN_KM
 
@@ -162,3 +162,17 @@ def test_a_position_does_not_cost_the_import_of_sunpy() -> None:
     code = "import sys, bella.spacecraft as s; s.fleet('2012-06-07'); sys.exit('sunpy' in sys.modules)"
 
     assert run([sys.executable, "-c", code], check=False, timeout=120).returncode == 0
+
+
+def test_advice_after_the_end_of_a_table_is_what_can_be_done() -> None:
+    late = np.datetime64("2035-01-01", "ns")
+    assert "update-ephemeris" in missing_from_fleet(late)["STEREO-A"]
+    assert "contact was lost" in missing_from_fleet(late)["STEREO-B"]
+    assert missing_from_fleet(np.datetime64("2012-06-07", "ns")) == {}
+    for name, advised in (("STEREO-A", True), ("STEREO-B", False)):
+        with pytest.raises(NoDataError) as after:
+            position(name, late)
+        assert ("update-ephemeris" in str(after.value)) is advised
+        with pytest.raises(NoDataError) as before:
+            position(name, np.datetime64("1990-01-01", "ns"))
+        assert "update-ephemeris" not in str(before.value), "it brings later positions only"

@@ -4,6 +4,7 @@ from datetime import date
 from pathlib import Path
 
 import numpy as np
+import pandas as pd
 import pytest
 import xarray as xr
 
@@ -11,7 +12,7 @@ from bella.exceptions import NoDataError
 from bella.simulation import archive_files
 from bella.simulation.archive_days import write_spectra
 from bella.spacecraft import hee_to, position
-from bella.spectra import combine_receivers, join_days, open_spectra, receiver_position
+from bella.spectra import combine_receivers, fill_in_positions, join_days, open_spectra, receiver_position
 from bella.spectra.assembly import Origin, assemble
 from bella.spectra.positions import DISAGREEMENT_FLAG, EARTH_RADIUS_KM, positions_at, with_positions
 from bella.units import R_SUN_KM
@@ -164,6 +165,20 @@ def test_a_position_near_the_ephemeris_is_preferred() -> None:
     assert distance_km(found.position_rsun) == pytest.approx(40_000.0, abs=1.0)
 
 
+def test_an_arrival_table_has_the_positions_of_the_files_that_agree_with_the_ephemeris() -> None:
+    near, far = placed(), placed(observatory="SOLO")
+    rows = pd.DataFrame({"observatory": ["STEREO-A", "SOLO", "JUICE"]})
+    rows[["x_rsun", "y_rsun", "z_rsun"]] = np.nan
+    lost = spectrum(observatory="JUICE")
+
+    table, remarks = fill_in_positions(rows, {"STEREO-A": near, "SOLO": far, "JUICE": lost}, NOON)
+
+    assert distance_km(table.loc[0, ["x_rsun", "y_rsun", "z_rsun"]].to_numpy(float)) < 1.0
+    assert table.loc[1:, "x_rsun"].isna().all()
+    assert rows["x_rsun"].isna().all(), "the table that was given stays"
+    assert [remark.split(":")[0] for remark in remarks] == ["SOLO", "Without a position"]
+
+
 def test_a_frame_that_is_not_what_it_says_is_flagged() -> None:
     mistaken = placed(frame="heeq")
     mistaken["position_km"].attrs["frame"] = "hee"
@@ -228,7 +243,7 @@ def test_of_two_frames_the_first_stays() -> None:
     joined = join_days([placed(), placed(UTC + np.timedelta64(1, "D"), frame="hci")])
 
     assert joined["position_km"].attrs["frame"] == "hee"
-    np.testing.assert_array_equal(joined["position_km"].notnull().all("axis"), np.arange(200) < 100)
+    np.testing.assert_array_equal(np.isfinite(joined["position_km"]).all("axis"), np.arange(200) < 100)
 
 
 def test_positions_stay_through_a_netcdf_file(tmp_path: Path) -> None:
