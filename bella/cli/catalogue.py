@@ -279,7 +279,8 @@ def _fit_row(fit: dict[str, Any]) -> tuple[str, str, str, str]:
 
     period = fit.get("rotation_period_d")
     longitude, speed = written_68(fit.get("phi0_deg")) or "-", written_wind(fit).removesuffix(" km/s") or "-"
-    return f"{period:g}" if period else "-", longitude, speed, ", ".join(fit.get("flags", ()))
+    flags = ", ".join(fit.get("flags", ())).replace("_", " ")  # so that lines break between words
+    return f"{period:g}" if period else "-", longitude, speed, flags
 
 
 def say_answer(summary: "BurstSummary") -> None:

@@ -36,7 +36,7 @@ talk, bars = Screen(), Console(stderr=True)
 """Standard output and error for what ``--quiet`` leaves out: tables and remarks, and progress."""
 
 
-LEAST_WIDTH = 9
+LEAST_WIDTH = 12
 """Of a column that may be broken into lines; a narrower terminal breaks the lines of the table instead."""
 
 
