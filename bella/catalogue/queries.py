@@ -194,6 +194,8 @@ def _longitudes(first: float | None, last: float | None) -> Iterator[ColumnEleme
 
 def _summaries(connection: Connection, rows: Any) -> tuple[BurstSummary, ...]:
     """Bursts of a page with observatories and newest solutions, in a few queries however long it is."""
+    if not rows:
+        return ()
     heard, solutions = table_of(BurstObservatoryRow), table_of(SolutionRow)
     ids = [row["burst_id"] for row in rows]
     by_position = select(heard).where(heard.c.burst_id.in_(ids)).order_by(heard.c.position)
