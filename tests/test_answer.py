@@ -81,6 +81,7 @@ def test_answer_of_a_good_track_is_whole() -> None:
         phi0_high_deg=31.0,
         range_low_rsun=13.0,
         range_high_rsun=91.0,
+        area68_rsun2=7.0,
         v_sw_km_s=590.0,
         v_sw_low_km_s=450.0,
         v_sw_high_km_s=940.0,
