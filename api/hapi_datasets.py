@@ -15,7 +15,7 @@ from api.tables import (
     table_of_rows,
     track_table,
 )
-from bella.catalogue import BurstQuery, BurstSummary
+from bella.catalogue import BurstQuery, BurstSummary, DetectionQuery
 from bella.formats import ARRIVALS, BURSTS, DETECTIONS, LOCALISATIONS, TRACKS, Schema
 from bella.formats.hapi import (
     FLOAT_FILL,
@@ -118,10 +118,10 @@ def _arrivals(service: Service, start: datetime, stop: datetime) -> HapiRecords:
 
 
 def _detections(service: Service, start: datetime, stop: datetime) -> HapiRecords:
-    found = service.catalogue().detections(start - SAME_TIME, stop, limit=MOST_DETECTIONS)
-    if len(found) == MOST_DETECTIONS:
-        raise HapiError(1408, f"{MOST_DETECTIONS} detections or more; ask for a shorter time")
-    return table_records(detection_table(found))
+    page = service.catalogue().detections(DetectionQuery(start - SAME_TIME, stop, limit=MOST_DETECTIONS))
+    if page.next_cursor:
+        raise HapiError(1408, f"more than {MOST_DETECTIONS} detections; ask for a shorter time")
+    return table_records(detection_table(page.detections))
 
 
 POSITION_STEP = timedelta(hours=1)
@@ -171,8 +171,7 @@ def _sample_of_bursts(before: timedelta, after: timedelta) -> Callable[[Service]
 
 
 def _sample_of_detections(service: Service) -> Instants | None:
-    early, late = (datetime.fromisoformat(f"{one}Z") for one in (START.astype("datetime64[s]"), "2200-01-01T00:00:00"))
-    starts = [one.start_utc for one in service.catalogue().detections(early, late, limit=SAMPLE_BURSTS)]
+    starts = [one.start_utc for one in service.catalogue().detections(DetectionQuery(limit=SAMPLE_BURSTS)).detections]
     return _around(min(starts) - timedelta(minutes=1), max(starts) + timedelta(minutes=30)) if starts else None
 
 

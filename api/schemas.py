@@ -85,11 +85,13 @@ class DetectionReply(Reply):
 
 
 class DetectionsReply(Reply):
-    """Detections of a time range."""
+    """One page of detections."""
 
     detections: list[DetectionReply]
+    total: int = Field(description="Detections that match, on all pages.")
     returned: int
-    truncated: bool = Field(description="Whether there are more: ask for a shorter range.")
+    truncated: bool = Field(description="True when more follow: go on at `next`.")
+    next: str | None
 
 
 class DayReply(Reply):
@@ -270,6 +272,34 @@ class SolutionWithSourcesReply(SolutionReply):
     calibration: CalibrationReply = Field(description="How often answers about simulated bursts like this one held.")
 
 
+class SolutionsReply(Reply):
+    """One page of solutions."""
+
+    solutions: list[SolutionReply]
+    total: int = Field(description="Solutions that match, on all pages.")
+    returned: int
+    truncated: bool = Field(description="True when more follow: go on at `next`.")
+    next: str | None
+
+
+class FileReply(SourceReply):
+    """A file of the archive, or a submitted table, that solutions were made from."""
+
+    state: str
+    received_utc: datetime = Field(description="Since when the catalogue knows of it.")
+    changed_utc: datetime
+
+
+class FilesReply(Reply):
+    """One page of files."""
+
+    files: list[FileReply]
+    total: int = Field(description="Files that match, on all pages.")
+    returned: int
+    truncated: bool = Field(description="True when more follow: go on at `next`.")
+    next: str | None
+
+
 class PreferenceReply(Reply):
     """Which series of a burst is preferred, who chose it, why and when."""
 
@@ -336,7 +366,7 @@ class BurstReply(Reply):
 
 
 class BurstsReply(Reply):
-    """One page of bursts in the order of their start."""
+    """One page of bursts."""
 
     bursts: list[BurstReply]
     total: int = Field(description="Bursts that match, on all pages.")

@@ -118,6 +118,11 @@ def table_reply(chosen: Format, table: RecordTable, name: str, following: str | 
     return Response(chosen.write(table), media_type=chosen.media_type, headers=headers)
 
 
+def next_address(request: Request, cursor: str | None) -> str | None:
+    """Address of the page after this one; None on the last."""
+    return str(request.url.include_query_params(cursor=cursor)) if cursor else None
+
+
 def table_of_rows(schema: Schema, rows: Iterable[Mapping[str, object]], **header: str) -> RecordTable:
     """Table with the frame and the remark about apparent sources in its header."""
     return record_table(schema, rows, {**FRAME, **header})

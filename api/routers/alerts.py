@@ -34,7 +34,8 @@ class AlertsReply(Reply):
     alerts: list[dict[str, Any]]
     returned: int
     last: int = Field(description="Sequence number to go on after.")
-    truncated: bool = Field(description="True when there are more: ask again with `after` = `last`.")
+    truncated: bool = Field(description="True when there are more: go on at `next`.")
+    next: str | None
 
 
 @router.get("/api/v1/alerts")
@@ -47,6 +48,7 @@ def alerts(request: Request, catalogue: CatalogueHere, wanted: Annotated[AlertFi
         returned=len(found),
         last=found[-1].sequence if found else wanted.after,
         truncated=more,
+        next=str(request.url.include_query_params(after=found[-1].sequence)) if more else None,
     )
 
 

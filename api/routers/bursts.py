@@ -24,7 +24,16 @@ from api.schemas import (
     zarr_path,
 )
 from api.service import CatalogueHere, ServiceHere
-from api.tables import JSON, BurstTableFilter, TableChoice, asked_format, burst_table, localisation_table, table_reply
+from api.tables import (
+    JSON,
+    BurstTableFilter,
+    TableChoice,
+    asked_format,
+    burst_table,
+    localisation_table,
+    next_address,
+    table_reply,
+)
 from api.wording import APPARENT_SOURCE
 from bella.catalogue import Catalogue, Localisation, Solution
 from bella.exceptions import NoDataError
@@ -41,7 +50,7 @@ def bursts(
 ) -> BurstsReply | Response:
     """Bursts by what is said of them, the newest first unless `sort` says otherwise; as JSON or as a table."""
     chosen, page = asked_format(request, wanted.format), catalogue.bursts(wanted.query())
-    following = str(request.url.include_query_params(cursor=page.next_cursor)) if page.next_cursor else None
+    following = next_address(request, page.next_cursor)
     if chosen is not JSON:
         return table_reply(chosen, burst_table(page.bursts), "bursts", following)
     response.headers["Vary"] = "Accept"

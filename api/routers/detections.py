@@ -1,6 +1,5 @@
 """Detections: what each spacecraft heard on the days that were searched, placed or not, and why not."""
 
-from dataclasses import replace
 from typing import Annotated
 
 from fastapi import APIRouter, Query, Request, Response
@@ -8,9 +7,9 @@ from fastapi.responses import FileResponse
 
 from api.freshness import REVALIDATE, file_tag, is_known, not_modified
 from api.queries import DayFilter, OriginChoice, parse_day
-from api.schemas import API, DayReply, DaysReply, DaySummaryReply, DetectionReply, DetectionsReply
+from api.schemas import DayReply, DaysReply, DaySummaryReply, DetectionReply, DetectionsReply
 from api.service import CatalogueHere, ServiceHere
-from api.tables import JSON, DetectionTableFilter, asked_format, detection_table, table_reply
+from api.tables import JSON, DetectionTableFilter, asked_format, detection_table, next_address, table_reply
 from bella.exceptions import NoDataError
 
 router = APIRouter(prefix="/api/v1", tags=["detections"])
@@ -20,33 +19,31 @@ router = APIRouter(prefix="/api/v1", tags=["detections"])
 def detections(
     request: Request, response: Response, catalogue: CatalogueHere, wanted: Annotated[DetectionTableFilter, Query()]
 ) -> DetectionsReply | Response:
-    """Detections of a time range by onset; a tier other than "localisable" comes with its reason."""
-    chosen = asked_format(request, wanted.format)
-    start, stop = wanted.interval()
-    found = catalogue.detections(start, stop, wanted.observatory, wanted.limit + 1, wanted.origins)
-    shown = found[: wanted.limit]
+    """Detections, the newest onset first; a tier other than "localisable" comes with its reason."""
+    chosen, page = asked_format(request, wanted.format), catalogue.detections(wanted.query())
+    following = next_address(request, page.next_cursor)
     if chosen is not JSON:
-        cut = {"truncated": "yes: ask for a shorter range"} if len(found) > wanted.limit else {}
-        table = detection_table(shown)
-        return table_reply(chosen, replace(table, header={**table.header, **cut}), "detections")
+        return table_reply(chosen, detection_table(page.detections), "detections", following)
     response.headers["Vary"] = "Accept"
     return DetectionsReply(
-        detections=[DetectionReply.of(one) for one in shown],
-        returned=len(shown),
-        truncated=len(found) > wanted.limit,
+        detections=[DetectionReply.of(one) for one in page.detections],
+        total=page.total,
+        returned=len(page.detections),
+        truncated=following is not None,
+        next=following,
     )
 
 
 @router.get("/days")
-def days(catalogue: CatalogueHere, wanted: Annotated[DayFilter, Query()]) -> DaysReply:
+def days(request: Request, catalogue: CatalogueHere, wanted: Annotated[DayFilter, Query()]) -> DaysReply:
     """Searched days, the newest first, with how much was heard on each; both ends of the range belong to it."""
-    page = catalogue.days(*wanted.span(), wanted.limit, wanted.origins)
+    page = catalogue.days(*wanted.span(), wanted.limit, wanted.origins, wanted.cursor)
     return DaysReply(
         days=[DaySummaryReply.of(one) for one in page.days],
         total=page.total,
         returned=len(page.days),
         truncated=page.next_last is not None,
-        next=f"{API}/days?{wanted.onward(page.next_last)}" if page.next_last else None,
+        next=next_address(request, page.next_cursor),
     )
 
 

@@ -11,11 +11,11 @@ from api.tables import (
     BurstTableFilter,
     asked_format,
     localisation_table,
+    next_address,
     table_of_rows,
     table_reply,
     track_table,
 )
-from bella.catalogue import BurstPage
 from bella.formats import ARRIVALS, FORMATS
 from bella.pipeline.rows import arrival_rows
 
@@ -30,7 +30,7 @@ IN_ALL_FORMATS: dict[int | str, dict[str, object]] = {
 def tracks(request: Request, catalogue: CatalogueHere, wanted: Annotated[BurstTableFilter, Query()]) -> Response:
     """Parker spiral of each burst that a query finds, one row per burst: joint fit of its preferred solution."""
     chosen, page = asked_format(request, wanted.format), catalogue.bursts(wanted.query())
-    return table_reply(chosen, track_table(catalogue, page.bursts), "tracks", following(request, page))
+    return table_reply(chosen, track_table(catalogue, page.bursts), "tracks", next_address(request, page.next_cursor))
 
 
 @router.get("/localisations", response_class=Response, responses=IN_ALL_FORMATS)
@@ -38,7 +38,9 @@ def localisations(request: Request, catalogue: CatalogueHere, wanted: Annotated[
     """Sources of the bursts that a query finds, one row per frequency: preferred solutions; the limit counts bursts."""
     chosen, page = asked_format(request, wanted.format), catalogue.bursts(wanted.query())
     preferred = [one.preferred for one in page.bursts if one.preferred]
-    return table_reply(chosen, localisation_table(catalogue, preferred), "localisations", following(request, page))
+    return table_reply(
+        chosen, localisation_table(catalogue, preferred), "localisations", next_address(request, page.next_cursor)
+    )
 
 
 @router.get("/bursts/{burst_id}/arrivals", response_class=Response, responses=IN_ALL_FORMATS)
@@ -50,8 +52,3 @@ def arrivals(
     solution = pick(service.catalogue(), burst_id, choice)
     rows = arrival_rows(solution, service.posterior(solution), choice.observatory)
     return table_reply(chosen, table_of_rows(ARRIVALS, rows, burst=burst_id), f"{burst_id}_arrivals")
-
-
-def following(request: Request, page: BurstPage) -> str | None:
-    """Address of the page after this one; None on the last."""
-    return str(request.url.include_query_params(cursor=page.next_cursor)) if page.next_cursor else None
