@@ -157,7 +157,7 @@ def make_release(settings: Settings, wanted: Wanted, parent: Path) -> Release:
             raise InputError(
                 f"{target} exists, and a release is never changed; give another label or folder"
             ) from error
-        reason = error.strerror or str(error).partition("\n")[0]
+        reason = os.strerror(error.errno) if error.errno else str(error).partition("\n")[0]
         raise StoreError(f"{target} cannot be written ({reason}); free the disk or name another folder") from error
     log.info("release made", folder=str(target), rows=release.rows, posteriors=release.posteriors)
     return release
