@@ -252,7 +252,30 @@ ARRIVALS = Schema(
     ),
 )
 
-SCHEMAS = {schema.name: schema for schema in (BURSTS, LOCALISATIONS, TRACKS, DETECTIONS, ARRIVALS)}
+DAYS = Schema(
+    "days",
+    "What was searched, and the answer about each day",
+    "day_utc",
+    (
+        _time("day_utc", "time.start", "Midnight at which the day begins."),
+        ORIGIN,
+        _text(
+            "answer",
+            "meta.code.class",
+            "no data, archive silent, not searchable, no burst, not localisable, localised.",
+        ),
+        _text("reason", "meta.note", "Why, where it could not be searched, or not in all data sets."),
+        _text("observatories", "meta.id;instr.obsty", "Spacecraft that were searched, separated by blanks."),
+        Column("detections", "int", "", "meta.number", "Detections, those of one spacecraft alone too."),
+        Column("rejected", "int", "", "meta.number", "Detections that were rejected."),
+        Column("bursts", "int", "", "meta.number", "Bursts, seen by one spacecraft or more."),
+        Column("shared", "int", "", "meta.number", "Bursts that two spacecraft or more received."),
+        Column("localised", "int", "", "meta.number", "Bursts with a position."),
+        _text("code_version", "meta.version;meta.software", "Version of the code that searched it."),
+    ),
+)
+
+SCHEMAS = {schema.name: schema for schema in (BURSTS, LOCALISATIONS, TRACKS, DETECTIONS, ARRIVALS, DAYS)}
 """Published tables by name."""
 
 SOLUTION_COLUMNS = tuple(column.name for column in _LOCALISATION)
