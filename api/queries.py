@@ -5,6 +5,7 @@ from datetime import UTC, date, datetime
 from typing import Annotated, Any, Literal
 from urllib.parse import urlencode
 
+from fastapi import Path
 from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Field, WithJsonSchema, field_validator
 from pydantic_core import PydanticCustomError
 
@@ -31,6 +32,21 @@ DetectionTier = Literal["localisable", "catalogued", "rejected"]
 MOST = 1e9
 """No number that is asked for is larger."""
 
+BurstId = Annotated[str, Path(description="Id of a burst.", examples=["T3-20120607-1929"])]
+SolutionId = Annotated[
+    str,
+    Path(
+        description="Id of a solution.",
+        examples=["T3-20120607-1929.half_maximum.posterior.default.2d.v1"],
+    ),
+]
+DayText = Annotated[
+    str,
+    WithJsonSchema({"type": "string", "format": "date"}),
+    Path(description="Day, UTC.", examples=["2012-06-07"]),
+]
+SubmissionId = Annotated[str, Path(description="Id of a submission.", examples=["S-20120607-0123456789ab"])]
+
 NEWEST_FIRST: Literal["-start"] = "-start"
 CURSOR = Field(None, description="Where to go on: taken from `next` of the reply before.")
 
@@ -47,6 +63,9 @@ EMPTY_IS_NONE = BeforeValidator(lambda value: None if value == "" else value)
 """A form sends what is not filled in as an empty text."""
 
 Asked = Annotated[str | None, EMPTY_IS_NONE]
+_TIME_TEXT = {"type": "string", "anyOf": [{"format": "date"}, {"format": "date-time"}]}
+TimeAsked = Annotated[str | None, EMPTY_IS_NONE, WithJsonSchema(_TIME_TEXT)]
+DayAsked = Annotated[str | None, EMPTY_IS_NONE, WithJsonSchema({"type": "string", "format": "date"})]
 Bound = Annotated[Annotated[float, Field(ge=-MOST, le=MOST, allow_inf_nan=False)] | None, EMPTY_IS_NONE]
 Angle = Annotated[Annotated[float, Field(ge=-360, le=360, allow_inf_nan=False)] | None, EMPTY_IS_NONE]
 
@@ -100,9 +119,9 @@ class OriginChoice(_Query):
 class BurstSelection(OriginChoice):
     """Which bursts are asked for; without parameters, all that stand and are of real data."""
 
-    start: Asked = Field(None, description="Bursts that start at this UTC time or later.", examples=["2012-06-01"])
-    stop: Asked = Field(None, description="Bursts that start before this UTC time.", examples=["2012-07-01"])
-    updated_since: Asked = Field(
+    start: TimeAsked = Field(None, description="Bursts that start at this UTC time or later.", examples=["2012-06-01"])
+    stop: TimeAsked = Field(None, description="Bursts that start before this UTC time.", examples=["2012-07-01"])
+    updated_since: TimeAsked = Field(
         None, description="Bursts of which something was changed at this UTC time or later.", examples=["2026-01-01"]
     )
     observatory: Names = Field([], description="Observatories that must all have heard the burst; repeatable.")
@@ -225,8 +244,8 @@ def _observatory(name: str) -> str:
 class DetectionFilter(OriginChoice):
     """Which detections are asked for, in which order, and which page of them."""
 
-    start: Asked = Field(None, description="Onsets at this UTC time or later.", examples=["2020-07-21"])
-    stop: Asked = Field(None, description="Onsets before this UTC time.", examples=["2020-07-22"])
+    start: TimeAsked = Field(None, description="Onsets at this UTC time or later.", examples=["2020-07-21"])
+    stop: TimeAsked = Field(None, description="Onsets before this UTC time.", examples=["2020-07-22"])
     observatory: Asked = Field(None, description="Spacecraft; without it, all.", examples=["WIND"])
     tier: Annotated[DetectionTier | None, EMPTY_IS_NONE] = Field(None, description="Without it, all.")
     burst: Asked = Field(None, description="Burst that they belong to; without it, all.")
@@ -264,7 +283,7 @@ class SolutionFilter(OriginChoice):
     method: Methods = Field([], description="Methods that they come from; repeatable.")
     preset: Names = Field([], description="Presets that they come from; repeatable.")
     newest: bool = Field(False, description="True: without those that another version supersedes.")
-    created_since: Asked = Field(None, description="Published at this UTC time or later.", examples=["2026-01-01"])
+    created_since: TimeAsked = Field(None, description="Published at this UTC time or later.", examples=["2026-01-01"])
     retracted: bool = Field(False, description="True: with those that were retracted.")
     sort: Literal["created", "-created"] = Field("-created", description="By publication; the newest first.")
     limit: int = Field(50, ge=1, le=1000, description="Solutions per reply.")
@@ -297,9 +316,9 @@ class SourceFilter(_Query):
     """Which files are asked for, in which order, and which page of them."""
 
     dataset: Asked = Field(None, description="Data set; without it, all.", examples=["WI_H1_WAV"])
-    first: Asked = Field(None, alias="from", description="Of this day or later.", examples=["2020-07-01"])
-    last: Asked = Field(None, alias="to", description="Of this day or earlier.", examples=["2020-07-31"])
-    updated_since: Asked = Field(None, description="Known, or changed, at this UTC time or later.")
+    first: DayAsked = Field(None, alias="from", description="Of this day or later.", examples=["2020-07-01"])
+    last: DayAsked = Field(None, alias="to", description="Of this day or earlier.", examples=["2020-07-31"])
+    updated_since: TimeAsked = Field(None, description="Known, or changed, at this UTC time or later.")
     sort: Literal["day", "-day", "updated", "-updated"] = Field("-day", description="The newest day first.")
     limit: int = Field(100, ge=1, le=1000, description="Files per reply.")
     cursor: Asked = CURSOR
@@ -320,8 +339,8 @@ class SourceFilter(_Query):
 class DayFilter(OriginChoice):
     """Which searched days are asked for; without parameters, the newest."""
 
-    first: Asked = Field(None, alias="from", description="This day or later.", examples=["2020-07-01"])
-    last: Asked = Field(None, alias="to", description="This day or earlier.", examples=["2020-07-31"])
+    first: DayAsked = Field(None, alias="from", description="This day or later.", examples=["2020-07-01"])
+    last: DayAsked = Field(None, alias="to", description="This day or earlier.", examples=["2020-07-31"])
     limit: int = Field(62, ge=1, le=366, description="Days per reply.")
     cursor: Asked = CURSOR
 

@@ -10,6 +10,7 @@ from fastapi import Request
 from fastapi.responses import HTMLResponse
 from jinja2 import Environment, FileSystemLoader, StrictUndefined
 
+from api.links import linked_text, own_path
 from api.wording import answer_class, answer_words, flag_meaning, reason_words
 from bella import __version__
 from bella.answer import written_68, written_wind
@@ -22,7 +23,7 @@ MINUS, DASH = "\N{MINUS SIGN}", "\N{EN DASH}"
 def is_page(request: Request) -> bool:
     """Whether a request is for a page, not for the API or a file."""
     accepts = request.headers.get("accept", "")
-    return "text/html" in accepts and not request.url.path.startswith(("/api/", "/health", "/static/"))
+    return "text/html" in accepts and not own_path(request.scope).startswith(("/api/", "/health", "/static/"))
 
 
 def render(
@@ -44,8 +45,8 @@ def render(
     -------
     HTMLResponse
     """
-    text = _environment().get_template(template).render(path=request.url.path, status=status, **values)
-    return HTMLResponse(text, status, {"Cache-Control": "no-cache", **(headers or {})})
+    text = _environment().get_template(template).render(path=own_path(request.scope), status=status, **values)
+    return HTMLResponse(linked_text(text), status, {"Cache-Control": "no-cache", **(headers or {})})
 
 
 @cache

@@ -2,14 +2,16 @@
 
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import asdict
+from typing import Annotated, Any
 
 from fastapi import Request, Response
-from pydantic import Field
+from pydantic import BaseModel, Field, WithJsonSchema
 
 from api.errors import NotAcceptableError
 from api.queries import BurstFilter, DetectionFilter, SolutionChoice
 from api.wording import APPARENT_SOURCE
 from bella.catalogue import BurstSummary, Catalogue, Detection, Solution
+from bella.exceptions import InputError
 from bella.formats import (
     BURSTS,
     DETECTIONS,
@@ -24,7 +26,10 @@ from bella.formats import (
 )
 from bella.pipeline.rows import burst_row, localisation_rows, track_rows
 
-FORMAT = Field(None, description=f"{', '.join(FORMATS)}; without it, as the Accept header says.")
+FORMAT = Field(None, description="Without it, as the Accept header says.")
+FormatName = Annotated[str | None, WithJsonSchema({"type": "string", "enum": [*FORMATS]})]
+"""What is none of these is answered as the Accept header would be: with 406."""
+
 JSON = FORMATS["json"]
 FRAME = {"frame": "HEE, solar radii; times UTC", "remark": APPARENT_SOURCE}
 PAGE = 1000
@@ -33,25 +38,32 @@ PAGE = 1000
 class BurstTableFilter(BurstFilter):
     """Which bursts are asked for, and in which format."""
 
-    format: str | None = FORMAT
+    format: FormatName = FORMAT
 
 
 class DetectionTableFilter(DetectionFilter):
     """Which detections are asked for, and in which format."""
 
-    format: str | None = FORMAT
+    format: FormatName = FORMAT
 
 
 class TableChoice(SolutionChoice):
     """Which solution, in which format."""
 
-    format: str | None = FORMAT
+    format: FormatName = FORMAT
 
 
 class ArrivalChoice(TableChoice):
     """Which solution, of which spacecraft, in which format."""
 
     observatory: str | None = Field(None, description="Spacecraft; without it, all.")
+
+
+def in_all_formats(description: str, in_json: type[BaseModel]) -> dict[int | str, dict[str, Any]]:
+    """What a route answers that has every format, for the description of the API."""
+    binary = {"type": "string", "contentMediaType": "application/octet-stream"}
+    others = {one.media_type: {"schema": binary} for one in FORMATS.values() if one is not JSON}
+    return {200: {"description": description, "model": in_json, "content": others}}
 
 
 def asked_format(request: Request, asked: str | None) -> Format:
@@ -68,13 +80,14 @@ def asked_format(request: Request, asked: str | None) -> Format:
 
     Raises
     ------
-    InputError
-        If the name is not known.
     NotAcceptableError
-        If the header allows none of the formats.
+        If the name is not known, or the header allows none of the formats.
     """
     if asked:
-        return find_format(asked.strip().lower())
+        try:
+            return find_format(asked.strip().lower())
+        except InputError as error:
+            raise NotAcceptableError(str(error)) from error
     accept = request.headers.get("accept", "")
     by_type = {one.media_type: one for one in FORMATS.values()}
     wanted = sorted(_accepted(accept), key=lambda part: -part[1])

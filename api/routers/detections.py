@@ -6,16 +6,28 @@ from fastapi import APIRouter, Query, Request, Response
 from fastapi.responses import FileResponse
 
 from api.freshness import REVALIDATE, file_tag, is_known, not_modified
-from api.queries import DayFilter, OriginChoice, parse_day
+from api.queries import DayFilter, DayText, OriginChoice, parse_day
 from api.schemas import DayReply, DaysReply, DaySummaryReply, DetectionReply, DetectionsReply
 from api.service import CatalogueHere, ServiceHere
-from api.tables import JSON, DetectionTableFilter, asked_format, detection_table, next_address, table_reply
+from api.tables import (
+    JSON,
+    DetectionTableFilter,
+    asked_format,
+    detection_table,
+    in_all_formats,
+    next_address,
+    table_reply,
+)
 from bella.exceptions import NoDataError
 
 router = APIRouter(prefix="/api/v1", tags=["detections"])
 
 
-@router.get("/detections", response_model=DetectionsReply)
+@router.get(
+    "/detections",
+    response_model=DetectionsReply,
+    responses=in_all_formats("One page of detections.", DetectionsReply),
+)
 def detections(
     request: Request, response: Response, catalogue: CatalogueHere, wanted: Annotated[DetectionTableFilter, Query()]
 ) -> DetectionsReply | Response:
@@ -48,14 +60,16 @@ def days(request: Request, catalogue: CatalogueHere, wanted: Annotated[DayFilter
 
 
 @router.get("/days/{day}")
-def day(day: str, catalogue: CatalogueHere, choice: Annotated[OriginChoice, Query()]) -> DayReply:
+def day(day: DayText, catalogue: CatalogueHere, choice: Annotated[OriginChoice, Query()]) -> DayReply:
     """Whether a day was searched, and which spacecraft had data: no data, no burst and not placed are told apart."""
     wanted = parse_day(day)
     return DayReply.of(wanted, catalogue.searched_day(wanted, choice.origins))
 
 
 @router.get("/days/{day}/figure", responses={200: {"content": {"image/png": {}}}}, response_class=Response)
-def day_figure(request: Request, day: str, service: ServiceHere, choice: Annotated[OriginChoice, Query()]) -> Response:
+def day_figure(
+    request: Request, day: DayText, service: ServiceHere, choice: Annotated[OriginChoice, Query()]
+) -> Response:
     """Spectra of all spacecraft on a searched day with what was found outlined, PNG; redrawn with the day."""
     wanted = parse_day(day)
     paths = [service.settings.day_figure(wanted, origin) for origin in choice.origins]

@@ -5,17 +5,23 @@ from typing import Annotated
 from fastapi import APIRouter, Query, Request, Response
 
 from api.freshness import fresh_json, is_known, not_modified, tag_of
-from api.queries import SeriesChoice, one_per_edge
+from api.queries import BurstId, SeriesChoice, one_per_edge
+from api.schemas import FigureReply
 from api.service import CatalogueHere, ServiceHere
 from bella.plotting import TrackView, constellation_figure, edge_name, spectra_figure
 
-router = APIRouter(prefix="/api/v1/bursts/{burst_id}/figures", tags=["figures"], default_response_class=Response)
+router = APIRouter(
+    prefix="/api/v1/bursts/{burst_id}/figures",
+    tags=["figures"],
+    default_response_class=Response,
+    responses={200: {"model": FigureReply, "description": "The figure."}},
+)
 
 
 @router.get("/constellation")
 def constellation(
     request: Request,
-    burst_id: str,
+    burst_id: BurstId,
     service: ServiceHere,
     catalogue: CatalogueHere,
     choice: Annotated[SeriesChoice, Query()],
@@ -34,7 +40,7 @@ def constellation(
 @router.get("/spectra")
 def spectra(
     request: Request,
-    burst_id: str,
+    burst_id: BurstId,
     service: ServiceHere,
     catalogue: CatalogueHere,
     choice: Annotated[SeriesChoice, Query()],

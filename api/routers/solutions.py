@@ -7,7 +7,7 @@ from fastapi.responses import FileResponse
 
 from api.calibration_section import CalibrationReply, calibration_of
 from api.freshness import IMMUTABLE
-from api.queries import SolutionFilter, SourceFilter
+from api.queries import SolutionFilter, SolutionId, SourceFilter
 from api.schemas import (
     FileReply,
     FilesReply,
@@ -63,7 +63,7 @@ def files(request: Request, catalogue: CatalogueHere, wanted: Annotated[SourceFi
 
 
 @router.get("/solutions/{solution_id}")
-def solution(solution_id: str, catalogue: CatalogueHere) -> SolutionWithSourcesReply:
+def solution(solution_id: SolutionId, catalogue: CatalogueHere) -> SolutionWithSourcesReply:
     """One solution, with its source files and their checksums, and how often answers like it held the truth."""
     known = catalogue.solution(solution_id)
     return SolutionWithSourcesReply(
@@ -74,7 +74,7 @@ def solution(solution_id: str, catalogue: CatalogueHere) -> SolutionWithSourcesR
 
 
 @router.get("/solutions/{solution_id}/calibration")
-def calibration(solution_id: str, catalogue: CatalogueHere) -> CalibrationReply:
+def calibration(solution_id: SolutionId, catalogue: CatalogueHere) -> CalibrationReply:
     """How often the intervals of simulated bursts like this one held the truth: rows of docs/calibration-found.csv."""
     known = catalogue.solution(solution_id)
     return calibration_of(known, catalogue.burst(known.burst_id).burst.observatories)
@@ -88,7 +88,7 @@ def sources_of(catalogue: Catalogue, solution_id: str) -> list[SourceReply]:
 
 @router.head("/solutions/{solution_id}/posterior.zarr/{key:path}", include_in_schema=False)
 @router.get("/solutions/{solution_id}/posterior.zarr/{key:path}", response_class=Response)
-def posterior_file(solution_id: str, key: str, service: ServiceHere) -> FileResponse:
+def posterior_file(solution_id: SolutionId, key: str, service: ServiceHere) -> FileResponse:
     """One file of the Zarr group of a solution; ``xarray.open_zarr`` takes this address without the key."""
     group = service.catalogue().solution(solution_id).store_path
     path = group_file(service.settings.store_root, group, key)
@@ -99,7 +99,7 @@ def posterior_file(solution_id: str, key: str, service: ServiceHere) -> FileResp
 @router.get(
     "/solutions/{solution_id}/figures/{name}", responses={200: {"content": {"image/png": {}}}}, response_class=Response
 )
-def figure(solution_id: str, name: FigureName, service: ServiceHere) -> FileResponse:
+def figure(solution_id: SolutionId, name: FigureName, service: ServiceHere) -> FileResponse:
     """Figure of a solution, PNG: longitude or frequency against distance, its wind, or light curves on one profile."""
     burst_id = service.catalogue().solution(solution_id).burst_id
     path = service.settings.fit_figure(burst_id, solution_id, name)

@@ -4,26 +4,27 @@ from typing import Annotated
 
 from fastapi import APIRouter, Query, Request, Response
 
+from api.queries import BurstId
 from api.routers.bursts import pick
+from api.schemas import TableReply
 from api.service import CatalogueHere, ServiceHere
 from api.tables import (
     ArrivalChoice,
     BurstTableFilter,
     asked_format,
+    in_all_formats,
     localisation_table,
     next_address,
     table_of_rows,
     table_reply,
     track_table,
 )
-from bella.formats import ARRIVALS, FORMATS
+from bella.formats import ARRIVALS
 from bella.pipeline.rows import arrival_rows
 
 router = APIRouter(prefix="/api/v1", tags=["tables"])
 
-IN_ALL_FORMATS: dict[int | str, dict[str, object]] = {
-    200: {"content": {one.media_type: {} for one in FORMATS.values()}, "description": "The table."}
-}
+IN_ALL_FORMATS = in_all_formats("The table.", TableReply)
 
 
 @router.get("/tracks", response_class=Response, responses=IN_ALL_FORMATS)
@@ -45,7 +46,7 @@ def localisations(request: Request, catalogue: CatalogueHere, wanted: Annotated[
 
 @router.get("/bursts/{burst_id}/arrivals", response_class=Response, responses=IN_ALL_FORMATS)
 def arrivals(
-    request: Request, burst_id: str, service: ServiceHere, choice: Annotated[ArrivalChoice, Query()]
+    request: Request, burst_id: BurstId, service: ServiceHere, choice: Annotated[ArrivalChoice, Query()]
 ) -> Response:
     """Arrival times that one solution of a burst was made from, with errors and positions of receivers."""
     chosen = asked_format(request, choice.format)

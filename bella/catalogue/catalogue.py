@@ -35,6 +35,7 @@ from bella.catalogue.records import (
     Detection,
     DetectionPage,
     DetectionQuery,
+    Held,
     Localisation,
     Publication,
     SearchedDay,
@@ -205,6 +206,10 @@ class Catalogue:
             Where the cursor or the limit is not valid.
         """
         return queries.bursts(self._engine, query or BurstQuery())
+
+    def held(self) -> Held:
+        """How much of real data there is; see `queries.held`."""
+        return queries.held(self._engine)
 
     def burst(self, burst_id: str) -> BurstSummary:
         """One burst with the newest version of each series; NoDataError where there is none of that id."""

@@ -4,16 +4,28 @@ from collections.abc import Iterator
 from datetime import datetime
 from typing import Any
 
-from sqlalchemy import ColumnElement, Connection, Engine, FromClause, or_, select
+from sqlalchemy import ColumnElement, Connection, Engine, FromClause, func, or_, select
 
 from bella.catalogue.engine import reading
-from bella.catalogue.models import BurstObservatoryRow, BurstRow, SolutionFlagRow, SolutionRow, table_of
+from bella.catalogue.models import (
+    AlertRow,
+    BurstObservatoryRow,
+    BurstRow,
+    DetectionRow,
+    SearchedDayRow,
+    SolutionFlagRow,
+    SolutionRow,
+    SourceFileRow,
+    UtcTime,
+    table_of,
+)
 from bella.catalogue.paging import Key, check_limit, read_page
 from bella.catalogue.preference import preferences
-from bella.catalogue.records import BURST_SORTS, Burst, BurstPage, BurstQuery, BurstSummary, Solution
+from bella.catalogue.records import BURST_SORTS, Burst, BurstPage, BurstQuery, BurstSummary, Held, Solution
 from bella.catalogue.solutions import is_newest, retraction_of, solution_rows
 from bella.exceptions import InputError, NoDataError
-from bella.records import Origin
+from bella.flags import REJECTED
+from bella.records import REAL_ORIGINS, Origin
 from bella.units import within_half_turn_deg
 
 HALF_TURN_DEG, TURN_DEG = 180.0, 360.0
@@ -67,6 +79,32 @@ def bursts(engine: Engine, query: BurstQuery) -> BurstPage:
     with reading(engine) as connection:
         page = read_page(connection, query, found, order)
         return BurstPage(_summaries(connection, page.rows), page.next_cursor, page.total)
+
+
+def held(engine: Engine) -> Held:
+    """How much of real data there is, in one statement."""
+    real, days, detections = sorted(REAL_ORIGINS), table_of(SearchedDayRow).c, table_of(DetectionRow).c
+    stands = BURSTS.c.retracted_utc.is_(None) & BURSTS.c.origin.in_(real)
+    solutions, alerts = table_of(SolutionRow).c, table_of(AlertRow).c
+    of_real = select(BURSTS.c.burst_id).where(stands)
+    counted = {
+        "bursts": select(func.count()).where(stands),
+        "answers": select(func.count(BURSTS.c.answer_id)).where(stands),
+        "solutions": select(func.count(solutions.solution_id)).where(
+            solutions.retracted_utc.is_(None), solutions.burst_id.in_(of_real)
+        ),
+        "detections": select(func.count(detections.detection_id)).where(
+            detections.tier != REJECTED, detections.origin.in_(real)
+        ),
+        "days": select(func.count(days.day.distinct())).where(days.origin.in_(real)),
+        "files": select(func.count()).select_from(table_of(SourceFileRow)),
+        "alerts": select(func.count(alerts.sequence)).where(alerts.origin.in_(real)),
+        "newest_burst_utc": select(func.max(BURSTS.c.start_utc, type_=UtcTime)).where(stands),
+        "updated_utc": select(func.max(BURSTS.c.updated_utc, type_=UtcTime)).where(BURSTS.c.origin.in_(real)),
+    }
+    statement = select(*(one.scalar_subquery().label(name) for name, one in counted.items()))
+    with reading(engine) as connection:
+        return Held(**connection.execute(statement).mappings().one())
 
 
 def _order(sort: str) -> list[Key]:

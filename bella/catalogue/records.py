@@ -412,6 +412,21 @@ class SourcePage:
 
 
 @dataclass(frozen=True)
+class Held:
+    """How much of real data the catalogue has: what stands, and detections that were not rejected."""
+
+    bursts: int
+    answers: int
+    solutions: int
+    detections: int
+    days: int
+    files: int
+    alerts: int
+    newest_burst_utc: datetime | None
+    updated_utc: datetime | None
+
+
+@dataclass(frozen=True)
 class StageRun:
     """The last run of a stage on a subject: who, when, how often it was tried, how it ended."""
 
