@@ -42,7 +42,7 @@ SolutionId = Annotated[
 ]
 DayText = Annotated[
     str,
-    WithJsonSchema({"type": "string", "format": "date"}),
+    WithJsonSchema({"type": "string", "format": "date", "examples": ["2012-06-07"]}),
     Path(description="Day, UTC.", examples=["2012-06-07"]),
 ]
 SubmissionId = Annotated[str, Path(description="Id of a submission.", examples=["S-20120607-0123456789ab"])]
@@ -404,7 +404,9 @@ class SeriesChoice(_Query):
 class FrequencyChoice(SeriesChoice):
     """Which channel of each track."""
 
-    frequency_mhz: float = Field(gt=0, le=1000, allow_inf_nan=False, description="The nearest channel is taken.")
+    frequency_mhz: float = Field(
+        gt=0, le=1000, allow_inf_nan=False, description="The nearest channel is taken.", examples=[0.5]
+    )
 
 
 def parse_day(text: str) -> date:
