@@ -1,5 +1,6 @@
 """Writing a group under a staging name and comparing what reached the disk with what was given."""
 
+import os
 import shutil
 import uuid
 import warnings
@@ -14,8 +15,8 @@ from zarr.errors import ZarrUserWarning
 
 from bella.exceptions import StoreError
 from bella.store.digest import content_lines, datasets_of, is_text, sha256_of_lines
-from bella.store.layout import STAGING, SUFFIX, flush, flush_tree, place_group
-from bella.store.reading import read_everything
+from bella.store.layout import STAGING, SUFFIX, flush, flush_tree, inside, place_group
+from bella.store.reading import open_group, read_everything
 
 # a chunk holds one parameter at one frequency, whose bytes are alike and pack well; a shard keeps them in one file
 _SHARDED = "draws"
@@ -100,6 +101,38 @@ def write_group(group: xr.Dataset | xr.DataTree, path: Path) -> None:
     verify_group(staged, group)
     place_group(staged, path.parent, path.name)
     staged.parent.rmdir()
+
+
+def copy_group(root: Path, store_path: str, sha256: str, target: Path) -> None:
+    """Copy a group to the same path below another root, and compare the copy with its checksum.
+
+    Parameters
+    ----------
+    root : Path
+        Root of the store.
+    store_path : str
+        Path of the group as the catalogue keeps it.
+    sha256 : str
+        Checksum from the catalogue.
+    target : Path
+        Root to copy to.
+
+    Raises
+    ------
+    StoreError
+        Where the group is missing or damaged.
+    OSError
+        Where the copy cannot be written.
+    """
+    source, copy = inside(root, store_path), inside(target, store_path)
+    if not source.is_dir():
+        raise StoreError(f"{store_path} is not in the store {root}: restore it from a backup")
+    for folder, _, names in os.walk(source):
+        (copy / Path(folder).relative_to(source)).mkdir(parents=True, exist_ok=True)
+        for name in names:
+            file = Path(folder) / name
+            shutil.copyfile(file, copy / file.relative_to(source))
+    open_group(target, store_path, sha256)
 
 
 def verify_group(path: Path, group: xr.Dataset | xr.DataTree) -> str:
