@@ -2,7 +2,14 @@
 
 from bella.spectra.background import Background, decibels, over_background, quiet_level
 from bella.spectra.cf_files import event_spectra, from_radiospectra, to_radiospectra
-from bella.spectra.combination import by_observatory, by_observatory_of_what_fits, combine_receivers, join_days
+from bella.spectra.combination import (
+    FleetPiece,
+    by_observatory,
+    by_observatory_of_what_fits,
+    combine_receivers,
+    fleet_pieces,
+    join_days,
+)
 from bella.spectra.dynamic_spectrum import (
     QUANTITIES,
     integration_times_s,
@@ -21,6 +28,7 @@ __all__ = [
     "PRODUCTS",
     "QUANTITIES",
     "Background",
+    "FleetPiece",
     "Product",
     "Quirk",
     "ReceiverPosition",
@@ -33,6 +41,7 @@ __all__ = [
     "event_spectra",
     "fill_in_positions",
     "find_product",
+    "fleet_pieces",
     "from_radiospectra",
     "integration_times_s",
     "join_days",
