@@ -34,6 +34,7 @@ FIRST, LAST = np.datetime64("1990-01-01", "ns"), np.datetime64("2060-01-01", "ns
 
 J2000 = np.datetime64("2000-01-01T12:00:00", "ns")
 CDF_EPOCH, CDF_EPOCH16, CDF_TIME_TT2000 = 31, 32, 33
+EPOCHS = (CDF_EPOCH, CDF_EPOCH16, CDF_TIME_TT2000)
 AT_ONCE = 1 << 13
 """Values that are converted at once, so that what that takes stays small."""
 
@@ -80,7 +81,7 @@ class CdfFile:
         return next((name for name in variables if self.has_records(name) and self._has_values(name)), "")
 
     def _has_values(self, variable: str) -> bool:
-        if self._description(variable)["kind"] in {CDF_EPOCH, CDF_EPOCH16, CDF_TIME_TT2000}:
+        if self.is_epoch(variable):
             return bool((~np.isnat(self.utc(variable))).any())
         try:
             return bool(np.isfinite(self.numbers(variable)).any())
@@ -121,18 +122,24 @@ class CdfFile:
             part[np.abs(part) >= LARGEST_NUMBER] = np.nan
         return values
 
-    def utc(self, variable: str) -> TimeArray:
+    def is_epoch(self, variable: str) -> bool:
+        """Whether a variable has times."""
+        return self._description(variable)["kind"] in EPOCHS
+
+    def utc(self, variable: str, dimensions: int | None = 1) -> TimeArray:
         """Times of a variable of type CDF_EPOCH, CDF_EPOCH16 or CDF_TIME_TT2000.
 
         Parameters
         ----------
         variable : str
             Its name.
+        dimensions : int, optional
+            How many the array must have.
 
         Returns
         -------
         numpy.ndarray
-            datetime64[ns], UTC, shape (records,); NaT where the file has a fill value.
+            datetime64[ns], UTC; NaT where the file has a fill value.
 
         Raises
         ------
@@ -140,9 +147,9 @@ class CdfFile:
             If there is no such variable, if it is of another type, or if a time is none of the space age.
         """
         kind = self._description(variable)["kind"]
-        if kind not in {CDF_EPOCH, CDF_EPOCH16, CDF_TIME_TT2000}:
+        if kind not in EPOCHS:
             raise InputError(f"{self.name}: variable {variable!r} is not CDF_EPOCH or CDF_TIME_TT2000")
-        stored = self._values(variable, 1)
+        stored = self._values(variable, dimensions)
         if kind == CDF_TIME_TT2000:
             counts = stored.astype(np.int64)
             times, is_fill = utc_of_tt2000(counts), counts <= LOWEST_TT2000

@@ -16,6 +16,7 @@ from bella.exceptions import InputError
 from bella.records import Origin
 from bella.spectra import psp, solo, stereo, wind
 from bella.spectra.assembly import dates_in
+from bella.spectra.beside import with_stated_positions
 from bella.spectra.cdf import MAGIC, CdfFile, open_cdf
 from bella.spectra.cf_files import ZARR_MARKS, open_cf
 from bella.spectra.quirks import quirks_of
@@ -355,6 +356,8 @@ def _open_archive_cdf(path: Path) -> Spectra:
         if product.read is None:
             raise InputError(f"{path} is CDF, but {product.name} is not")
         spectra = product.read(cdf, receiver)
+        if len({str(one.attrs["observatory"]) for one in spectra}) == 1:
+            spectra = tuple(with_stated_positions(cdf, one) for one in spectra)
         origin = _origin_of(cdf)
         identity = cdf.attribute("Logical_file_id")
     return tuple(_held_against(one, (path.name, identity), path.name, origin) for one in spectra)

@@ -49,12 +49,14 @@ def read_l2_hfr(cdf: CdfFile, receiver: str = "hfr") -> tuple[xr.Dataset, ...]:
     sweep, frequency_mhz = cdf.numbers("SWEEP_NUM", 1), cdf.frequency_mhz("FREQUENCY", "kHz")
     if not time.shape == power.shape == sweep.shape == frequency_mhz.shape:
         raise InputError(f"{cdf.name}: AGC1, SWEEP_NUM, FREQUENCY and Epoch have different lengths")
+    beside = Beside(cdf, time.shape)
+    time = beside.shifted(time)
     read = np.isfinite(power) & ~np.isnat(time)
     order = np.flatnonzero(read)[np.argsort(time[read], kind="stable")]
     origin = Origin(OBSERVATORY, receiver.upper(), "psd_v2_hz", cdf.name)
     values = {"intensity": power[order]}
     spectrum = assemble_sweeps(origin, _counted(sweep[order]), time[order], frequency_mhz[order], values)
-    return (spectrum.assign_attrs(sensor=dipole),)
+    return (beside.noted(spectrum.assign_attrs(sensor=dipole)),)
 
 
 def read_l2_tnr(cdf: CdfFile, receiver: str = "tnr") -> tuple[xr.Dataset, ...]:
@@ -81,7 +83,8 @@ def read_l2_tnr(cdf: CdfFile, receiver: str = "tnr") -> tuple[xr.Dataset, ...]:
     """
     time = cdf.utc(epoch_of(cdf))
     power, dipole = _of_one_dipole(cdf, ("AUTO1", "AUTO2"), TNR_DIPOLES, 2)
-    bands_mhz = cdf.frequency_mhz("TNR_BAND_FREQ", "Hz")
+    beside, bands_mhz = Beside(cdf, time.shape), cdf.frequency_mhz("TNR_BAND_FREQ", "Hz")
+    time = beside.shifted(time)
     band, sweep = cdf.numbers("TNR_BAND", 1), cdf.numbers("SWEEP_NUM", 1)
     if not time.size == len(power) == band.size == sweep.size or bands_mhz.shape != (4, power.shape[1]):
         raise InputError(f"{cdf.name}: AUTO1, TNR_BAND, SWEEP_NUM and TNR_BAND_FREQ do not fit together")
@@ -93,7 +96,7 @@ def read_l2_tnr(cdf: CdfFile, receiver: str = "tnr") -> tuple[xr.Dataset, ...]:
         raise InputError(f"{cdf.name}: no band of a dipole was read")
     row = np.unique(_counted(sweep[order]), return_inverse=True)[1]
     spectrum = _tnr_records(cdf.name, row, band[order].astype(int), time[order], power[order], bands_mhz)
-    return (spectrum.assign_attrs(sensor=dipole, receiver=receiver.upper()),)
+    return (beside.noted(spectrum.assign_attrs(sensor=dipole, receiver=receiver.upper())),)
 
 
 def _tnr_records(  # noqa: PLR0913, PLR0917 - one argument per variable of the file
@@ -149,13 +152,11 @@ def _of_one_dipole(
     """Power of the sensor pair that has most data, NaN where it was not read, and its number in the file."""
     sensor = cdf.numbers("SENSOR_CONFIG", 2)
     read = [cdf.numbers(variable, dimensions) for variable in channels]
-    for power in read:
+    for variable, power in zip(channels, read, strict=True):
         if sensor.shape != (power.shape[0], 2):
             raise InputError(f"{cdf.name}: SENSOR_CONFIG has the shape {sensor.shape}, not {(power.shape[0], 2)}")
         power[~(power > 0.0)] = np.nan
-        flagged = Beside(cdf, power.shape).flagged()
-        if flagged is not None:
-            power[flagged] = np.nan
+        Beside(cdf, power.shape, variable).clear(power)
     has_data = [np.isfinite(power).reshape(len(power), -1).any(axis=1) for power in read]
     counts = [
         sum(int(((sensor[:, column] == dipole) & has_data[column]).sum()) for column in range(2)) for dipole in dipoles

@@ -9,7 +9,7 @@ import xarray as xr
 
 from bella.exceptions import InputError
 from bella.spectra.assembly import Origin, assemble, date_of, mean_time_sd_s
-from bella.spectra.beside import Beside, epoch_of, longest_dwell_s, read_records
+from bella.spectra.beside import Beside, epoch_of, longest_dwell_s, read_records, timed
 from bella.spectra.bounded import reading
 from bella.spectra.cdf import CdfFile
 from bella.spectra.combination import combine_receivers
@@ -74,7 +74,15 @@ def read_level2(cdf: CdfFile, receiver: str = "") -> tuple[xr.Dataset, ...]:
 def _level2_spacecraft(
     cdf: CdfFile, name: str, time: npt.NDArray[np.datetime64], frequency_mhz: np.ndarray
 ) -> xr.Dataset:
-    decibel = _over_background(cdf, name)
+    decibel = cdf.numbers(f"avg_intens_{name}", 2)
+    beside = Beside(cdf, decibel.shape, f"avg_intens_{name}", tuple(SPACECRAFT))
+    stored = f"background_{name}"
+    decibel[_without_data(decibel, beside.matrix(stored) if cdf.has_records(stored) else None)] = np.nan
+    beside.clear(decibel)
+    offset_s = beside.offset_s(time)
+    extra = {}
+    if offset_s is not None:
+        time, extra["sample_time"] = timed(time, offset_s)
     falls = np.flatnonzero(np.diff(frequency_mhz) < 0.0)
     bands = [slice(None, falls[0] + 1), slice(falls[0] + 1, None)] if falls.size else [slice(None)]
     receivers = ["LFR", "HFR"] if falls.size else ["LFR+HFR"]
@@ -84,10 +92,12 @@ def _level2_spacecraft(
             time,
             frequency_mhz[band],
             decibel[:, band],
+            {one: values[:, band] for one, values in extra.items()},
         )
         for receiver, band in zip(receivers, bands, strict=True)
     ]
-    return by_minute(combine_receivers(*parts) if len(parts) == 2 else parts[0])
+    whole = beside.noted(combine_receivers(*parts) if len(parts) == 2 else parts[0])
+    return whole if extra else by_minute(whole)
 
 
 def by_minute(spectrum: xr.Dataset) -> xr.Dataset:
@@ -108,19 +118,12 @@ def by_minute(spectrum: xr.Dataset) -> xr.Dataset:
     return known.assign_attrs(integration_s=MINUTE_AVERAGES_S)
 
 
-def _over_background(cdf: CdfFile, name: str) -> npt.NDArray[Any]:
-    decibel = cdf.numbers(f"avg_intens_{name}", 2)
-    beside = Beside(cdf, decibel.shape)
-    background = beside.matrix(f"background_{name}") if cdf.has_records(f"background_{name}") else None
+def _without_data(decibel: npt.NDArray[Any], background: npt.NDArray[Any] | None) -> npt.NDArray[np.bool_]:
+    """Minutes without data: minus the background, or where that is not known, far below it."""
     if background is None:
-        decibel[decibel < LOWEST_DB] = np.nan
-    else:
-        background += decibel
-        decibel[background == 0.0] = np.nan
-    flagged = beside.flagged()
-    if flagged is not None:
-        decibel[flagged] = np.nan
-    return decibel
+        return np.asarray(decibel < LOWEST_DB)
+    background += decibel
+    return np.asarray(background == 0.0)
 
 
 def read_l3(cdf: CdfFile, receiver: str) -> tuple[xr.Dataset, ...]:
