@@ -349,15 +349,15 @@ def time_edges(
 
 
 def _pieces(spectra: Spectra) -> "list[FleetPiece]":
-    from bella.spectra import fleet_pieces, open_spectra  # noqa: PLC0415 - heavy
+    from bella.spectra import as_spectrum, fleet_pieces, open_spectra  # noqa: PLC0415 - heavy
 
     several = [spectra] if isinstance(spectra, str | Path | xr.Dataset | xr.DataTree) else list(spectra)
     opened: list[xr.Dataset] = []
     for one in several:
         if isinstance(one, xr.Dataset):
-            opened.append(one)
+            opened.append(as_spectrum(one, "the dataset"))
         elif isinstance(one, xr.DataTree):
-            opened += [leaf.to_dataset() for leaf in one.leaves]
+            opened += [as_spectrum(leaf.to_dataset(), leaf.path) for leaf in one.leaves]
         else:
             opened += open_spectra(one)
     pieces, left_out = fleet_pieces(opened)

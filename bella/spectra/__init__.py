@@ -1,7 +1,7 @@
 """Dynamic spectra: their form, reading them from files, their background, quirks of instruments, the built-in event."""
 
 from bella.spectra.background import Background, decibels, over_background, quiet_level
-from bella.spectra.cf_files import event_spectra, from_radiospectra, to_radiospectra
+from bella.spectra.cf_files import as_spectrum, event_spectra, from_radiospectra, to_radiospectra
 from bella.spectra.combination import (
     FleetPiece,
     by_observatory,
@@ -34,6 +34,7 @@ __all__ = [
     "ReceiverPosition",
     "UserDay",
     "UserFolder",
+    "as_spectrum",
     "by_observatory",
     "by_observatory_of_what_fits",
     "combine_receivers",

@@ -104,8 +104,8 @@ def assemble(
                 f"{origin.source}: {name} of {origin.receiver} has the shape {values.shape}, "
                 f"but there are {time.size} times and {frequency_mhz.size} frequencies"
             )
-    records = _ascending(_without_strays(time), lambda: np.isfinite(intensity).sum(axis=1))
-    channels = _ascending(frequency_mhz, lambda: np.isfinite(intensity).sum(axis=0))
+    records = ascending(_without_strays(time), lambda: np.isfinite(intensity).sum(axis=1))
+    channels = ascending(frequency_mhz, lambda: np.isfinite(intensity).sum(axis=0))
     ordered = {
         name: (("frequency",), values[channels])
         if values.ndim == 1
@@ -305,8 +305,20 @@ def _without_strays(time: npt.NDArray[np.datetime64]) -> npt.NDArray[np.datetime
     return kept
 
 
-def _ascending(axis: npt.NDArray[Any], data_count: Callable[[], npt.NDArray[Any]]) -> npt.NDArray[np.intp]:
-    """Indices that order an axis without its gaps; of equal ones that with most data, of those the first."""
+def ascending(axis: npt.NDArray[Any], data_count: Callable[[], npt.NDArray[Any]]) -> npt.NDArray[np.intp]:
+    """Indices that order an axis without its gaps; of equal ones that with most data, of those the first.
+
+    Parameters
+    ----------
+    axis : numpy.ndarray
+        Times, frequencies.
+    data_count : callable
+        Gives how many data stand at each place; is called only where some are equal.
+
+    Returns
+    -------
+    numpy.ndarray of int
+    """
     known = np.flatnonzero(~np.isnan(axis) if axis.dtype.kind in "fM" else np.ones(axis.size, dtype=bool))
     _, first = np.unique(axis[known], return_index=True)
     if first.size < known.size:

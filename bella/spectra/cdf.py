@@ -38,7 +38,8 @@ EPOCHS = (CDF_EPOCH, CDF_EPOCH16, CDF_TIME_TT2000)
 AT_ONCE = 1 << 13
 """Values that are converted at once, so that what that takes stays small."""
 
-MHZ = {"hz": 1e-6, "khz": 1e-3, "mhz": 1.0}
+MHZ = {"hz": 1e-6, "khz": 1e-3, "mhz": 1.0, "ghz": 1e3}
+MHZ |= {"hertz": 1e-6, "kilohertz": 1e-3, "megahertz": 1.0, "gigahertz": 1e3}
 
 
 class CdfFile:

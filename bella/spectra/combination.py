@@ -232,7 +232,7 @@ def fleet_pieces(spectra: Sequence[xr.Dataset]) -> tuple[list[FleetPiece], tuple
     pieces, left_out = [], []
     for group in _groups_of(parts):
         alone = [one for one in group if one.sizes["time"] < 2]
-        left_out += [f"{_files(one)}: a record of {one['time'].to_numpy()[0]:s} alone" for one in alone]
+        left_out += [f"{_files(one)}: a single record of {str(one['time'].to_numpy()[0])[:19]}" for one in alone]
         joined, unfit = by_observatory_of_what_fits([one for one in group if one.sizes["time"] > 1])
         left_out += unfit
         if joined:
