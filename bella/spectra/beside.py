@@ -71,11 +71,10 @@ def epoch_of(cdf: CdfFile, variable: str = "") -> str:
         If there is none.
     """
     stated = cdf.attribute("DEPEND_0", variable) if variable else ""
-    found = cdf.first_with_data(*filter(None, (stated, "Epoch", "EPOCH", "epoch")))
+    others = sorted(name for name in cdf.variables if cdf.is_epoch(name) and cdf.varies(name))
+    found = cdf.first_with_data(*filter(None, (stated, "Epoch", *others)))
     if not found:
-        raise InputError(
-            f"{cdf.name} has no times: neither Epoch nor EPOCH holds any; take another version of the file"
-        )
+        raise InputError(f"{cdf.name} has no times: Epoch and the like hold none; take another version of the file")
     return found
 
 
@@ -182,9 +181,11 @@ class Beside:
     def offset_s(self, start: TimeArray) -> npt.NDArray[Any] | None:
         """How long after the time of its record each sample was taken, s, NaN where not known; None without any."""
         for name in self._named(TIMES, TIMES_DESCRIBED):
-            offset_s = self._absolute_s(name, start) if self._cdf.is_epoch(name) else self._relative_s(name)
+            is_epoch = self._cdf.is_epoch(name)
+            offset_s = self._absolute_s(name, start) if is_epoch else self._relative_s(name)
             if offset_s is None:
-                self._leave_out(name)
+                if not is_epoch:
+                    self._leave_out(name)
                 continue
             offset_s[~(np.abs(offset_s) < LONGEST_SWEEP_S)] = np.nan
             if np.isfinite(offset_s).any():
@@ -204,7 +205,7 @@ class Beside:
             times = self._cdf.utc(name, dimensions=None)
         except InputError:
             return None
-        if times.shape not in {self._shape, self._shape[:1]}:
+        if times.ndim < 2 or times.shape != self._shape:  # else they are those of records
             return None
         offset = times - start.reshape(-1, *[1] * (times.ndim - 1))
         offset_s = np.where(np.isnat(offset), np.nan, offset / np.timedelta64(1, "s"))
@@ -375,7 +376,7 @@ def with_stated_positions(cdf: CdfFile, spectrum: xr.Dataset) -> xr.Dataset:
         ``left_out``.
     """
     frames = ("HEE", "HEEQ", "HCI", "GSE")
-    named = {name: found[1] for name in cdf.variables if (found := POSITIONS.search(name.upper()))}
+    named = {name: found[1] for name in cdf.variables if (found := POSITIONS.search(name.strip().upper()))}
     left_out = [one for one in str(spectrum.attrs.get("left_out", "")).split(";") if one]
     for name in sorted(named, key=lambda one: (frames.index(named[one]), one)):
         if not cdf.has_records(name):

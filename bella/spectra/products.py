@@ -350,7 +350,7 @@ def _head(path: Path) -> bytes:
 def _open_archive_cdf(path: Path) -> Spectra:
     with open_cdf(path) as cdf:
         product, receiver = _product_of(cdf)
-        absent = [name for name in product.signature if name not in cdf.variables]
+        absent = [name for name in product.signature if not cdf.stored_name(name)]
         if absent:
             raise InputError(f"{path} has no variable {absent[0]!r}: it is not {product.name} as its name says")
         if product.read is None:
@@ -383,7 +383,8 @@ def _held_against(spectrum: xr.Dataset, names: tuple[str, ...], source: str, ori
         times.append(spectrum["sample_time"].to_numpy())
     first, last = min(one.min() for one in times), max(one.max() for one in times)
     for day in (day for name in names for day in dates_in(name)):
-        if first < day - NEAR_DAY or last >= day + 2 * NEAR_DAY:
+        is_beside = last < day or first >= day + np.timedelta64(1, "D")
+        if is_beside or first < day - NEAR_DAY or last >= day + 2 * NEAR_DAY:
             raise InputError(
                 f"{source} is named after {day.astype('datetime64[D]')}, but holds times from "
                 f"{np.datetime_as_string(first, 's')} to {np.datetime_as_string(last, 's')}: its clock or its name is "

@@ -22,6 +22,7 @@ from bella.spectra.positions import EARTH_RADIUS_KM, with_positions
 from bella.spectra.wind_minutes import with_sweeps, with_visits
 
 OBSERVATORY = "WIND"
+HIGHEST_MHZ = {"rad1": 1.04, "rad2": 13.825, "tnr": 0.256}
 ANGLES = ("colatitude", "azimuth")
 DENSITIES = ("PSD_V2_SP", "PSD_V2_Z", "PSD_V2_S", "PSD_V2")
 """Antennas of L2, the best first: the summed pair, along the spin axis, in the spin plane; TNR has one."""
@@ -97,7 +98,8 @@ def _h1_receiver(cdf: CdfFile, receiver: str, time: np.ndarray) -> xr.Dataset:
     offset_s = beside.offset_s(time)
     name = f"Minimum_voltage_{receiver}"
     background = cdf.numbers(name).reshape(-1)[: ratio.shape[1]] if cdf.has_records(name) else np.ones(ratio.shape[1])
-    frequency_mhz = cdf.frequency_mhz(f"Frequency_{receiver}", "kHz")
+    stated_mhz = cdf.frequency_mhz(f"Frequency_{receiver}", "kHz", HIGHEST_MHZ[receiver.lower()])
+    frequency_mhz, ratio = shared_channels(stated_mhz, ratio, cdf.name)
     origin = Origin(OBSERVATORY, receiver, "voltage_ratio", cdf.name)
     extra: dict[str, npt.NDArray[Any]] = {"interpolated": ~(background > 0.0)}
     if offset_s is not None:
@@ -134,7 +136,7 @@ def read_l2(cdf: CdfFile, receiver: str) -> tuple[xr.Dataset, ...]:
     InputError
         If the file is not of this product or holds no data.
     """
-    time, stated_mhz = cdf.utc(epoch_of(cdf)), cdf.frequency_mhz("FREQUENCY", "Hz")
+    time, stated_mhz = cdf.utc(epoch_of(cdf)), cdf.frequency_mhz("FREQUENCY", "Hz", HIGHEST_MHZ[receiver])
     variable, density = _fullest(cdf, DENSITIES)
     frequency_mhz = stated_mhz if stated_mhz.ndim == 2 else stated_mhz[: density.shape[1]]
     if frequency_mhz.shape[-1] != density.shape[1]:
@@ -161,7 +163,7 @@ def _fullest(cdf: CdfFile, variables: tuple[str, ...]) -> tuple[str, NumberArray
         if best is None or count > (1.0 + AS_FULL) * best[0]:
             best = count, name, values
     if best is None or not best[0]:
-        held = [name for name in variables if name in cdf.variables]
+        held = [name for name in variables if cdf.stored_name(name)]
         if not held:
             raise InputError(f"{cdf.name} has no variable {variables[0]!r}: it is not the product it is named after")
         raise InputError(f"{cdf.name}: {', '.join(held)} hold no data: the receiver was off; leave the file out")
@@ -197,7 +199,7 @@ def read_k0(cdf: CdfFile, receiver: str = "") -> tuple[xr.Dataset, ...]:
     if not frequency:
         raise InputError(f"{cdf.name}: E_Average has no frequencies; take another version of the file")
     origin = Origin(OBSERVATORY, "TNR+RAD1+RAD2", "db_over_background", cdf.name)
-    time, frequency_mhz = cdf.utc(epoch_of(cdf, "E_Average")), cdf.frequency_mhz(frequency, "Hz")
+    time, frequency_mhz = cdf.utc(epoch_of(cdf, "E_Average")), cdf.frequency_mhz(frequency, "Hz", HIGHEST_MHZ["rad2"])
     return (read_records(cdf, origin, "E_Average", time, frequency_mhz, decibel),)
 
 
@@ -242,7 +244,9 @@ def read_l3_directions(cdf: CdfFile, receiver: str) -> tuple[xr.Dataset, ...]:
     origin = Origin(OBSERVATORY, receiver.upper(), "flux_w_m2_hz", cdf.name)
     # without a number of the sweep it is cut by the visits of the channels alone
     sweep = np.zeros(time.size, np.float32) if sweep is None else sweep.astype(np.float32)
-    spectrum = assemble_sweeps(origin, sweep, time, cdf.frequency_mhz("FREQUENCY", "kHz"), values)
+    spectrum = assemble_sweeps(
+        origin, sweep, time, cdf.frequency_mhz("FREQUENCY", "kHz", HIGHEST_MHZ[receiver]), values
+    )
     return (beside.noted(spectrum),)
 
 
