@@ -54,6 +54,8 @@ def prepare(settings: Settings) -> None:
         "PREFECT_INTERNAL_LOGGING_LEVEL": "CRITICAL",  # events cut short when the server ends are no news
         "PREFECT_LOGGING_TO_API_ENABLED": "false",
         "PREFECT_CLI_PROMPT": "false",
+        "PREFECT_SERVER_UI_ENABLED": "false",
+        "PREFECT_API_BLOCKS_REGISTER_ON_START": "false",  # none is used, and they take a second of the first start
         "DO_NOT_TRACK": "1",
         "MPLCONFIGDIR": cache / "matplotlib",
         "NUMBA_CACHE_DIR": cache / "numba",
