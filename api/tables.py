@@ -2,7 +2,8 @@
 
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import asdict
-from typing import Annotated, Any
+from itertools import islice
+from typing import Annotated, Any, Literal
 
 from fastapi import Request, Response
 from pydantic import BaseModel, Field, WithJsonSchema
@@ -10,7 +11,7 @@ from pydantic import BaseModel, Field, WithJsonSchema
 from api.errors import NotAcceptableError
 from api.queries import BurstFilter, DetectionFilter, SolutionChoice
 from api.wording import APPARENT_SOURCE
-from bella.catalogue import BurstSummary, Catalogue, Detection, Solution
+from bella.catalogue import BurstPage, BurstQuery, BurstSummary, Catalogue, Detection, Solution
 from bella.exceptions import InputError
 from bella.formats import (
     BURSTS,
@@ -24,7 +25,7 @@ from bella.formats import (
     find_format,
     record_table,
 )
-from bella.pipeline.rows import burst_row, localisation_rows, track_rows
+from bella.pipeline.rows import all_bursts, burst_row, localisation_rows, track_rows
 
 FORMAT = Field(None, description="Without it, as the Accept header says.")
 FormatName = Annotated[str | None, WithJsonSchema({"type": "string", "enum": [*FORMATS]})]
@@ -33,12 +34,39 @@ FormatName = Annotated[str | None, WithJsonSchema({"type": "string", "enum": [*F
 JSON = FORMATS["json"]
 FRAME = {"frame": "HEE, solar radii; times UTC", "remark": APPARENT_SOURCE}
 PAGE = 1000
+MOST_BURSTS = 20_000
+"""In one reply."""
 
 
 class BurstTableFilter(BurstFilter):
-    """Which bursts are asked for, and in which format."""
+    """Which bursts are asked for, in which format; a page of them, or all in one file."""
 
+    limit: Annotated[int, Field(ge=1, le=1000)] | Literal["all"] = Field(  # type: ignore[assignment]
+        50,
+        description="Bursts per reply; `all` for everything that the query finds, in one reply.",
+        union_mode="left_to_right",
+    )
     format: FormatName = FORMAT
+
+    def query(self) -> BurstQuery:
+        """Question to the catalogue, of the first page where all are asked for."""
+        paged = self.model_copy(update={"limit": PAGE}) if self.limit == "all" else self
+        return BurstFilter.query(paged)
+
+    def found(self, catalogue: Catalogue) -> BurstPage:
+        """Bursts of the page, or all.
+
+        Raises
+        ------
+        InputError
+            If these are too many for one reply.
+        """
+        if self.limit != "all":
+            return catalogue.bursts(self.query())
+        bursts = tuple(islice(all_bursts(catalogue, self.query()), MOST_BURSTS + 1))
+        if len(bursts) > MOST_BURSTS:
+            raise InputError(f"limit: more than {MOST_BURSTS} bursts in one reply; ask for a shorter time")
+        return BurstPage(bursts, None, len(bursts))
 
 
 class DetectionTableFilter(DetectionFilter):
@@ -153,9 +181,9 @@ def detection_table(found: Iterable[Detection]) -> RecordTable:
 
 def track_table(catalogue: Catalogue, summaries: Iterable[BurstSummary]) -> RecordTable:
     """Table of the joint tracks of the preferred solutions of bursts; bursts without a track are left out."""
-    return table_of_rows(TRACKS, (row for one in summaries for row in track_rows(catalogue, one)))
+    return table_of_rows(TRACKS, track_rows(catalogue, summaries))
 
 
 def localisation_table(catalogue: Catalogue, solutions: Iterable[Solution]) -> RecordTable:
     """Table of the sources of solutions at each frequency."""
-    return table_of_rows(LOCALISATIONS, (row for one in solutions for row in localisation_rows(catalogue, one)))
+    return table_of_rows(LOCALISATIONS, localisation_rows(catalogue, solutions))

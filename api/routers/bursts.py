@@ -51,7 +51,9 @@ def bursts(
     request: Request, response: Response, catalogue: CatalogueHere, wanted: Annotated[BurstTableFilter, Query()]
 ) -> BurstsReply | Response:
     """Bursts by what is said of them, the newest first unless `sort` says otherwise; as JSON or as a table."""
-    chosen, page = asked_format(request, wanted.format), catalogue.bursts(wanted.query())
+    chosen = asked_format(request, wanted.format)
+    with catalogue.snapshot():
+        page = wanted.found(catalogue)
     following = next_address(request, page.next_cursor)
     if chosen is not JSON:
         return table_reply(chosen, burst_table(page.bursts), "bursts", following)

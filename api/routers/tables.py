@@ -30,8 +30,11 @@ IN_ALL_FORMATS = in_all_formats("The table.", TableReply)
 @router.get("/tracks", response_class=Response, responses=IN_ALL_FORMATS)
 def tracks(request: Request, catalogue: CatalogueHere, wanted: Annotated[BurstTableFilter, Query()]) -> Response:
     """Parker spiral of each burst that a query finds, one row per burst: joint fit of its preferred solution."""
-    chosen, page = asked_format(request, wanted.format), catalogue.bursts(wanted.query())
-    return table_reply(chosen, track_table(catalogue, page.bursts), "tracks", next_address(request, page.next_cursor))
+    chosen = asked_format(request, wanted.format)
+    with catalogue.snapshot():
+        page = wanted.found(catalogue)
+        table = track_table(catalogue, page.bursts)
+    return table_reply(chosen, table, "tracks", next_address(request, page.next_cursor))
 
 
 @router.get("/localisations", response_class=Response, responses=IN_ALL_FORMATS)

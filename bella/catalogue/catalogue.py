@@ -235,6 +235,14 @@ class Catalogue:
         """Localisations of a solution by ascending frequency; NoDataError where there is no such solution."""
         return solutions.localisations(self._engine, solution_id)
 
+    def localisations_of(self, solution_ids: Collection[str]) -> dict[str, list[Localisation]]:
+        """Localisations of many solutions, each by ascending frequency; see `solutions.localisations_of`."""
+        return solutions.localisations_of(self._engine, solution_ids)
+
+    def tracks_of(self, solution_ids: Collection[str]) -> dict[str, Track]:
+        """Tracks of those of many solutions that have a joint fit; see `solutions.tracks_of`."""
+        return solutions.tracks_of(self._engine, solution_ids)
+
     def track(self, solution_id: str) -> Track | None:
         """Track of a solution, typed; None where it has no joint fit, NoDataError where there is no such solution."""
         return solutions.track(self._engine, solution_id)

@@ -1,6 +1,6 @@
 """Reading solutions and what belongs to them."""
 
-from collections.abc import Iterable
+from collections.abc import Collection, Iterable
 from datetime import UTC, date, datetime
 from typing import Any
 
@@ -210,6 +210,27 @@ def localisations(engine: Engine, solution_id: str) -> tuple[Localisation, ...]:
     query = select(table).where(table.c.solution_id == solution_id).order_by(table.c.frequency_mhz)
     rows = _of_solution(engine, solution_id, query)
     return tuple(Localisation(**{name: row[name] for name in row if name != "solution_id"}) for row in rows)
+
+
+def localisations_of(engine: Engine, solution_ids: Collection[str]) -> dict[str, list[Localisation]]:
+    """Localisations of many solutions, each by ascending frequency, in one statement; none where there are none."""
+    table = table_of(LocalisationRow)
+    wanted = select(table).where(table.c.solution_id.in_(solution_ids))
+    found: dict[str, list[Localisation]] = {one: [] for one in solution_ids}
+    names = [column.name for column in table.c if column.name != "solution_id"]
+    with reading(engine) as connection:
+        for row in connection.execute(wanted.order_by(table.c.solution_id, table.c.frequency_mhz)).mappings():
+            found[row["solution_id"]].append(Localisation(**{name: row[name] for name in names}))
+    return found
+
+
+def tracks_of(engine: Engine, solution_ids: Collection[str]) -> dict[str, Track]:
+    """Tracks of those of many solutions that have a joint fit, in one statement."""
+    table = table_of(TrackFitRow)
+    with reading(engine) as connection:
+        rows = connection.execute(select(table).where(table.c.solution_id.in_(solution_ids))).all()
+    tracks = {row.solution_id: read_track(row.fit) for row in rows}
+    return {solution_id: track for solution_id, track in tracks.items() if track is not None}
 
 
 def track(engine: Engine, solution_id: str) -> Track | None:
