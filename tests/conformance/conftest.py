@@ -38,7 +38,7 @@ def filled(tmp_path_factory: pytest.TempPathFactory) -> Settings:
     later = {"start_utc": ONSET + timedelta(minutes=7), "tier": "rejected", "reason": "no drift, 3 channels"}
     found = [HEARD, replace(HEARD, observatory="STEREO-A"), replace(HEARD, burst_id="", **later)]
     with Catalogue.open(settings.catalogue_url, create=True) as catalogue:
-        first, _ = publish_event(settings, catalogue)
+        first, second = publish_event(settings, catalogue)
         publish_many(settings, catalogue, 2)
         catalogue.record_day(SearchedDay(ONSET.date(), "h", "0.1", ("WIND", "STEREO-A")), found)
         silent = SearchedDay(ONSET.date() + timedelta(days=1), "h", "0.1", (), DayAnswer.ARCHIVE_SILENT, "no answer")
@@ -50,6 +50,7 @@ def filled(tmp_path_factory: pytest.TempPathFactory) -> Settings:
         published_utc = ONSET + 90 * hour
         times = SolutionTimes(ONSET + hour, published_utc - 3 * hour, published_utc - 2 * hour, None, published_utc)
         catalogue.operation.record_times(first.solution_id, times)
+        catalogue.operation.record_times(second.solution_id, replace(times, published_utc=published_utc + hour))
     return settings
 
 

@@ -315,7 +315,8 @@ def test_availability_says_what_was_searched_and_who_had_data(address: str) -> N
 
 
 def test_latency_says_how_long_each_solution_took(address: str) -> None:
-    (one,) = records(address, "latency")
+    one, other = records(address, "latency")
+    assert (other["data_to_published_s"], other["solution_id"] != one["solution_id"]) == ("324000.0", True)
     assert one["Time"] == one["published_utc"] == "2012-06-11T13:29:15.000000Z"
     assert one["burst_id"] == BURST_ID
     assert one["solution_id"].startswith(f"{BURST_ID}.half_maximum")
