@@ -71,7 +71,7 @@ class Axes:
         parts = self.curve.shape[1]
         problem = np.arange(self.step.size)[owner]
         s = (ahead - self.start[owner]) / self.step[owner]
-        part = np.clip(np.floor(s) + 1, 0, parts - 1).astype(np.intp)
+        part = np.fmin(np.fmax(np.floor(s) + 1, 0), parts - 1).astype(np.intp)  # outlines are parted by NaN
         s = s - np.maximum(part - 1, 0)
         place = part * self.step.size + problem
         h0, h1, h2, h3 = (one.take(place) for one in self.curve.reshape(4, -1))
