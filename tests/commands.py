@@ -3,11 +3,13 @@
 import os
 import subprocess
 import sys
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 from pathlib import Path
 
+from tests.waiting import PATIENCE_S
+
 BELLA = str(Path(sys.executable).with_name("bella"))
-TIMEOUT_S = 900
 KEPT = ("PATH", "LANG", "LC_ALL", "OPENBLAS_NUM_THREADS")
 
 
@@ -21,23 +23,27 @@ class Sandbox:
         The product's home folder.
     elsewhere : tuple of Path
         Working, user and temporary folder: nothing may be written there.
+    variables : mapping of str to str
+        Environment variables that this user has set.
     """
 
     home: Path
     elsewhere: tuple[Path, Path, Path]
+    variables: Mapping[str, str] = field(default_factory=dict)
 
     @classmethod
-    def within(cls, folder: Path) -> "Sandbox":
+    def within(cls, folder: Path, **variables: str) -> "Sandbox":
         elsewhere = (folder / "work", folder / "user", folder / "temporary")
         for path in elsewhere:
             path.mkdir(parents=True)
-        return cls(folder / "bella-home", elsewhere)
+        return cls(folder / "bella-home", elsewhere, variables)
 
     @property
     def environment(self) -> dict[str, str]:
         kept = {name: os.environ[name] for name in KEPT if name in os.environ}
         _, user, temporary = self.elsewhere
-        return kept | {"HOME": str(user), "TMPDIR": str(temporary), "BELLA_HOME": str(self.home), "COLUMNS": "120"}
+        own = {"HOME": str(user), "TMPDIR": str(temporary), "BELLA_HOME": str(self.home), "COLUMNS": "120"}
+        return kept | own | dict(self.variables)
 
     def run(self, *command: str, code: int | None = 0, **environment: str) -> subprocess.CompletedProcess[str]:
         """Run a command to its end and, unless `code` is None, expect that exit status."""
@@ -47,7 +53,7 @@ class Sandbox:
             env=self.environment | environment,
             capture_output=True,
             text=True,
-            timeout=TIMEOUT_S,
+            timeout=PATIENCE_S,
             check=False,
         )
         if code is not None:

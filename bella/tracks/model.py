@@ -6,7 +6,7 @@ with a power law for the density and beams that keep their speed or slow down, a
 
 import math
 from dataclasses import dataclass, field
-from functools import cached_property
+from functools import cached_property, lru_cache
 from itertools import pairwise
 from typing import Literal
 
@@ -191,6 +191,21 @@ class _Sight:
         return cls(distance, mu, -mu, -turn, (mu**2 - 1) * inverse, aside * inverse + mu * turn * inverse)
 
 
+def _knots(band_mhz: tuple[float, float]) -> FloatArray:
+    low, high = np.log(band_mhz)
+    inner = np.linspace(low, high, COEFFICIENTS - 2)
+    return np.concatenate([[low] * 3, inner, [high] * 3])
+
+
+@lru_cache(maxsize=32)
+def _splines(band_mhz: tuple[float, float], frequencies: bytes) -> FloatArray:
+    """Values of the splines at the frequencies of these bytes: a fit asks for the same ones thousands of times."""
+    ln_frequency = np.log(np.frombuffer(frequencies))
+    basis = np.asarray(BSpline.design_matrix(ln_frequency, _knots(band_mhz), 3, extrapolate=True).toarray())
+    basis.flags.writeable = False
+    return basis
+
+
 @dataclass(frozen=True)
 class Track:
     """A model on the frequency band of a burst; its parameters z are standard normal before the data.
@@ -211,15 +226,10 @@ class Track:
         return 1 + len(self.model.knots_rsun)
 
     @cached_property
-    def _knots(self) -> FloatArray:
-        low, high = np.log(self.band_mhz)
-        inner = np.linspace(low, high, COEFFICIENTS - 2)
-        return np.concatenate([[low] * 3, inner, [high] * 3])
-
-    @cached_property
     def _ln_range(self) -> tuple[FloatArray, FloatArray]:
         """Prior of the coefficients: mean, and a root of the covariance."""
-        greville = np.array([self._knots[i + 1 : i + 4].mean() for i in range(COEFFICIENTS)])
+        knots = _knots(self.band_mhz)
+        greville = np.array([knots[i + 1 : i + 4].mean() for i in range(COEFFICIENTS)])
         away = greville - math.log(LEVEL_MHZ)
         mean = math.log(LEVEL_RSUN) + SLOPE * away
         straight = np.stack([np.full(away.size, LEVEL_SD), SLOPE_SD * away], axis=1)
@@ -246,7 +256,7 @@ class Track:
 
     def basis(self, frequency_mhz: FloatArray) -> FloatArray:
         """Values of the splines at frequencies, shape (F, coefficients)."""
-        return np.asarray(BSpline.design_matrix(np.log(frequency_mhz), self._knots, 3, extrapolate=True).toarray())
+        return _splines(self.band_mhz, np.asarray(frequency_mhz, np.float64).tobytes())
 
     def range_rsun(self, z: FloatArray, basis: FloatArray) -> FloatArray:
         """Distance of the source from the Sun, solar radii.

@@ -6,7 +6,6 @@ import os
 import shutil
 import signal
 import subprocess
-import time
 from contextlib import closing
 from dataclasses import dataclass
 from datetime import UTC, date, datetime
@@ -32,6 +31,7 @@ from benchmarks.detection import FLEET
 from tests.bursts.recorded import burst_at, sky
 from tests.commands import BELLA, Sandbox
 from tests.plotting.test_fleet import green, height
+from tests.waiting import until
 
 DAY, SEED = date(2021, 2, 1), 1
 BURSTS = tuple(burst_at(hour, DAY, phi0_deg=phi0) for hour, phi0 in ((4.0, 30.0), (9.0, 45.0), (14.0, 60.0)))
@@ -220,10 +220,7 @@ def test_results_are_the_same_whatever_the_workers_and_after_one_was_killed(arch
     environment = sandbox.environment | {"BELLA_DRAWS": "500"}
     victim = subprocess.Popen([*command, "--direct"], env=environment, cwd=sandbox.elsewhere[0], start_new_session=True)
     store = sandbox.home / "store"
-    until = time.monotonic() + 600
-    while not any(store.glob("SIM-*/*posterior*.zarr")) and victim.poll() is None:
-        assert time.monotonic() < until
-        time.sleep(0.02)
+    until(lambda: any(store.glob("SIM-*/*posterior*.zarr")) or victim.poll() is not None, pause_s=0.02)
     os.killpg(victim.pid, signal.SIGKILL)
     victim.wait()
     home = Settings(home=sandbox.home, in_situ=None, regions=None, draws=500)

@@ -24,8 +24,6 @@ from bella.pipeline.surroundings import day_digest, draw_wind, has_wind, surroun
 from bella.pipeline.tracks import Timing, fitted_track
 from bella.records import MeasuredWind
 from bella.settings import Settings
-from tests.commands import BELLA, Sandbox
-from tests.solar_wind.in_situ import lists_of
 from tests.solar_wind.test_context import HOLES, SUMMARY
 from tests.solar_wind.test_folder import hours
 
@@ -170,22 +168,6 @@ def test_a_day_is_done_again_when_its_wind_is_new(settings: Settings, tmp_path: 
     assert with_surroundings(later, settings).inputs_hash == later.inputs_hash, "nothing is known of October"
     hours(tmp_path / "in-situ" / "wind-2.lst", 300.0)
     assert with_surroundings(files, settings).inputs_hash != before
-
-
-def test_run_of_the_published_burst_with_its_wind(sandbox: Sandbox, tmp_path: Path, reference_files: Path) -> None:
-    folder = tmp_path / "in-situ"
-    folder.mkdir()
-    lists_of(folder, reference_files)
-
-    sandbox.run(BELLA, "run", "--direct", BELLA_IN_SITU=str(folder))
-
-    with closing(Catalogue.open(f"sqlite:///{sandbox.home / 'catalogue.sqlite'}")) as catalogue:
-        solution = next(one for one in catalogue.versions(EVENT.burst_id) if one.series.edge == "gauss_hermite")
-        track = catalogue.track_fit(solution.solution_id)
-    rmse = {one["observatory"]: one["rmse_km_s"] for one in track["companions"]["wind"]["observatories"]}
-    assert rmse == pytest.approx({"WIND": 64, "STEREO-A": 127, "STEREO-B": 124}, abs=5)
-    assert Settings(home=sandbox.home).fit_figure(EVENT.burst_id, solution.solution_id, "wind").is_file()
-    assert "set BELLA_REGIONS" in track["companions"]["footpoint"]["regions"]["reason"]
 
 
 def test_a_day_has_a_checksum_whatever_is_in_its_folders(settings: Settings) -> None:
