@@ -4,9 +4,16 @@ import os
 import subprocess
 import sys
 from collections.abc import Mapping
+from contextlib import chdir, redirect_stderr, redirect_stdout
 from dataclasses import dataclass, field
+from io import StringIO
 from pathlib import Path
+from unittest import mock
 
+import pytest
+import structlog
+
+from bella.cli import main
 from tests.waiting import PATIENCE_S
 
 BELLA = str(Path(sys.executable).with_name("bella"))
@@ -63,6 +70,22 @@ class Sandbox:
     def bella(self, *arguments: str, code: int | None = 0) -> subprocess.CompletedProcess[str]:
         """Run ``bella`` with arguments."""
         return self.run(BELLA, *arguments, code=code)
+
+    def here(self, *arguments: str, code: int) -> subprocess.CompletedProcess[str]:
+        """Run ``bella`` in this process, which spares a start: for what is refused before anything is done."""
+        configured = structlog.get_config()
+        with (
+            mock.patch.dict(os.environ, self.environment, clear=True),
+            mock.patch.object(sys, "argv", ["bella", *arguments]),
+            chdir(self.elsewhere[0]),
+            redirect_stdout(StringIO()) as stdout,
+            redirect_stderr(StringIO()) as stderr,
+            pytest.raises(SystemExit) as ended,
+        ):
+            main()
+        structlog.configure(**configured)
+        assert ended.value.code == code, f"exit {ended.value.code}\n{stdout.getvalue()}\n{stderr.getvalue()}"
+        return subprocess.CompletedProcess(arguments, code, stdout.getvalue(), stderr.getvalue())
 
     def files_elsewhere(self) -> list[Path]:
         """Files outside the home folder."""

@@ -99,7 +99,7 @@ def test_submission_that_was_changed_is_refused(tmp_path: Path) -> None:
 
 def test_track_of_a_solution_holds_every_method_and_its_draws_reach_the_store(tmp_path: Path) -> None:
     settings = Settings(home=tmp_path, draws=500)
-    arrivals = locate_receivers(half_maximum_arrivals())
+    arrivals = locate_receivers(half_maximum_arrivals(np.geomspace(0.15, 2.0, 40)))
     given = load_burst(EVENT.name, Path("nowhere"))
     track, posterior = fitted_track(localise(arrivals, draws=200), Timing(arrivals), SERIES, settings, UNKNOWN)
     assert track["joint"]["times"] > 100
