@@ -94,6 +94,7 @@ def test_foreign_file_in_place_of_the_catalogue_is_left_alone(sandbox: Sandbox) 
     assert "bella: " in done.stderr.splitlines()[-1]
     assert "Traceback" not in done.stderr
     assert path.read_bytes() == before
+    assert not (sandbox.home / "prefect" / "prefect.db").exists(), "refused before Prefect is started"
 
 
 def test_missing_catalogue_says_how_to_make_one(sandbox: Sandbox) -> None:
