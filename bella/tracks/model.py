@@ -351,16 +351,19 @@ class Track:
         slopes[:, self.winds + 1 + spline.shape[1] :] = 0.0
         slopes[:, -1] = by_turn
         if self.model.emission != "free":
-            self._add_beam(slopes, z, basis)
+            self._add_beam(slopes, z, range_rsun, spline)
         return slopes
 
-    def _add_beam(self, slopes: FloatArray, z: FloatArray, basis: FloatArray) -> None:
-        """Add the derivatives of the travel of the beam, by differences."""
-        now = self.beam_s(z, self.range_rsun(z, basis))
-        for place in range(self.size):
+    def _add_beam(self, slopes: FloatArray, z: FloatArray, range_rsun: FloatArray, spline: FloatArray) -> None:
+        """Add the derivatives of the travel of the beam, by differences in the distance, the wind and its own laws."""
+        now = self.beam_s(z, range_rsun)
+        distance = slice(self.winds + 1, self.winds + 1 + spline.shape[1])
+        by_log_range = (self.beam_s(z, range_rsun * (1 + STEP)) - now) / STEP
+        slopes[:, distance] += by_log_range[:, None] * spline.T
+        for place in (*range(self.winds), *range(distance.stop, self.size)):
             moved = z.copy()
             moved[:, place] += STEP
-            slopes[:, place] += (self.beam_s(moved, self.range_rsun(moved, basis)) - now) / STEP
+            slopes[:, place] += (self.beam_s(moved, range_rsun) - now) / STEP
 
     def position_rsun(self, phi0_rad: FloatArray, z: FloatArray, range_rsun: FloatArray) -> FloatArray:
         """Position of the source, HEE, shape (..., F, 3)."""
