@@ -30,7 +30,8 @@ SERVED = ("prefect", "worker", "api")
 SCHEDULES = {"BELLA_SCHEDULE_S": "10", "BELLA_DAYS_SCHEDULE_S": "3600", "BELLA_LEASE_S": "30", "BELLA_DRAWS": "200"}
 """Submissions are asked for often, since each run that finds nothing costs a start of Python and Prefect, not more."""
 
-ASKED_AFTER_S = 0.5
+ASKED_AFTER_S = 1.0
+CLIENT = httpx.Client(trust_env=False, timeout=PATIENCE_S)
 SUBMITTED_MHZ = np.geomspace(0.15, 2.0, 8)
 
 
@@ -60,7 +61,7 @@ class Running:
         until(healthy, lambda: f"{service} healthy\n{self.processes.told()}", ASKED_AFTER_S)
 
     def get(self, path: str) -> httpx.Response:
-        return httpx.get(f"http://127.0.0.1:{self.ports['api']}{path}", trust_env=False, timeout=PATIENCE_S)
+        return CLIENT.get(f"http://127.0.0.1:{self.ports['api']}{path}")
 
     def bursts(self) -> dict[str, Any]:
         """Bursts of the API by their id."""
@@ -76,9 +77,7 @@ class Running:
         with closing(Catalogue.open(self.catalogue_url)) as catalogue:
             _, secret = catalogue.create_token(f"Ann, {days_later}")
         headers = {"Content-Type": "text/csv", "Authorization": f"Bearer {secret}"}
-        reply = httpx.post(
-            url, content=arrivals_csv(table).encode(), headers=headers, trust_env=False, timeout=PATIENCE_S
-        )
+        reply = CLIENT.post(url, content=arrivals_csv(table).encode(), headers=headers)
         assert reply.status_code == 202, reply.text
         return str(reply.json()["submission_id"])
 

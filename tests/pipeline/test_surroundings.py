@@ -14,16 +14,16 @@ import pytest
 import xarray as xr
 
 from bella.arrivals import locate_receivers
-from bella.bursts import EVENT, half_maximum_arrivals
+from bella.bursts import half_maximum_arrivals
 from bella.catalogue import Catalogue, Series, Solution
 from bella.multilateration import localise
-from bella.pipeline.inputs import load_burst
 from bella.pipeline.mirror import DayFiles, with_surroundings
 from bella.pipeline.publication import Draft, inputs_hash, publish
 from bella.pipeline.surroundings import day_digest, draw_wind, has_wind, surroundings_of
 from bella.pipeline.tracks import Timing, fitted_track
 from bella.records import MeasuredWind
 from bella.settings import Settings
+from tests.pipeline.examples import built_in_event
 from tests.solar_wind.test_context import HOLES, SUMMARY
 from tests.solar_wind.test_folder import hours
 
@@ -59,7 +59,7 @@ Published = tuple[Solution, dict[str, Any], bool]
 def published(localised: tuple[pd.DataFrame, xr.Dataset], settings: Settings) -> Published:
     """Publish the burst as a run does, unless the same inputs were published; and whether it is new."""
     arrivals, posterior = localised
-    given, around = load_burst(EVENT.name, Path("nowhere")), surroundings_of(START, settings)
+    given, around = built_in_event(), surroundings_of(START, settings)
     sources, checksum = (*given.sources, *around.sources()), checksum_of(localised, settings)
     with closing(Catalogue.open(settings.catalogue_url, create=True)) as catalogue:
         same = catalogue.find_solution(given.burst.burst_id, SERIES, checksum, "0.2.0")
@@ -72,7 +72,7 @@ def published(localised: tuple[pd.DataFrame, xr.Dataset], settings: Settings) ->
 
 
 def checksum_of(localised: tuple[pd.DataFrame, xr.Dataset], settings: Settings) -> str:
-    sources = (*load_burst(EVENT.name, Path("nowhere")).sources, *surroundings_of(START, settings).sources())
+    sources = (*built_in_event().sources, *surroundings_of(START, settings).sources())
     return inputs_hash(Timing(localised[0]), sources, SERIES, settings)
 
 
