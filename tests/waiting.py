@@ -3,7 +3,7 @@
 import time
 from collections.abc import Callable
 
-PATIENCE_S = 600.0
+PATIENCE_S = 1800.0
 """Only a test that fails waits so long: no test says that something is quick."""
 
 
