@@ -22,12 +22,13 @@ if TYPE_CHECKING:
     from rich.table import Table
 
     from bella.pipeline.burst import Choice, Outcome
+    from bella.pipeline.day_files import BroughtFolder
     from bella.pipeline.outcome import DayOutcome
-    from bella.pipeline.user import BroughtFolder
     from bella.settings import Settings
 
 EPILOG = "Example: bella run --from 2020-07-21 --to 2020-07-22 --archive mirror --workers 2"
 MOST_REFUSALS = 3
+MOST_NAMES = 5
 DIRECT = "direct"
 """Name of a run without an orchestrator, in leases and logs."""
 
@@ -118,8 +119,8 @@ def _pipeline(settings: "Settings", asked: Asked, event: str | None = None) -> "
     """
     from bella.catalogue import Catalogue
     from bella.multilateration import check_choices
-    from bella.pipeline.environment import prepare
     from bella.pipeline.inputs import check_subject
+    from bella.pipeline.workers import prepare
 
     check_choices(asked.preset, asked.method)
     if event is not None:
@@ -134,12 +135,15 @@ def _pipeline(settings: "Settings", asked: Asked, event: str | None = None) -> "
 def _run_folder(
     folder: Path, days: "tuple[date | None, date | None]", settings: "Settings", asked: Asked, bar: "Progress"
 ) -> None:
-    from bella.pipeline.user import BroughtFolder
+    from bella.pipeline.day_files import BroughtFolder
 
     brought = BroughtFolder(folder, settings)
     wanted = brought.days(*days)
     for one in brought.left_out:
         warn(f"Left out: {one}")
+    if brought.others:
+        shown = ", ".join(brought.others[:MOST_NAMES]) + (", ..." if len(brought.others) > MOST_NAMES else "")
+        warn(f"Not looked at, no data by name or content: {len(brought.others)} files ({shown})")
     _print_done(lambda: _folder_done(wanted, brought, settings, asked, bar), asked, bar)
 
 

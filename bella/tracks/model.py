@@ -6,7 +6,7 @@ with a power law for the density and beams that keep their speed or slow down, a
 
 import math
 from dataclasses import dataclass, field
-from functools import cached_property, lru_cache
+from functools import cached_property
 from itertools import pairwise
 from typing import Literal
 
@@ -197,21 +197,6 @@ class _Sight:
         return -turn_rsun, self.sine + self.cosine * turn_rsun / self.distance_rsun
 
 
-def _knots(band_mhz: tuple[float, float]) -> FloatArray:
-    low, high = np.log(band_mhz)
-    inner = np.linspace(low, high, COEFFICIENTS - 2)
-    return np.concatenate([[low] * 3, inner, [high] * 3])
-
-
-@lru_cache(maxsize=32)
-def _splines(band_mhz: tuple[float, float], frequencies: bytes) -> FloatArray:
-    """Values of the splines at the frequencies of these bytes: a fit asks for the same ones thousands of times."""
-    ln_frequency = np.log(np.frombuffer(frequencies))
-    basis = np.asarray(BSpline.design_matrix(ln_frequency, _knots(band_mhz), 3, extrapolate=True).toarray())
-    basis.flags.writeable = False
-    return basis
-
-
 @dataclass(frozen=True)
 class Track:
     """A model on the frequency band of a burst; its parameters z are standard normal before the data.
@@ -232,10 +217,15 @@ class Track:
         return 1 + len(self.model.knots_rsun)
 
     @cached_property
+    def _knots(self) -> FloatArray:
+        low, high = np.log(self.band_mhz)
+        inner = np.linspace(low, high, COEFFICIENTS - 2)
+        return np.concatenate([[low] * 3, inner, [high] * 3])
+
+    @cached_property
     def _ln_range(self) -> tuple[FloatArray, FloatArray]:
         """Prior of the coefficients: mean, and a root of the covariance."""
-        knots = _knots(self.band_mhz)
-        greville = np.array([knots[i + 1 : i + 4].mean() for i in range(COEFFICIENTS)])
+        greville = np.array([self._knots[i + 1 : i + 4].mean() for i in range(COEFFICIENTS)])
         away = greville - math.log(LEVEL_MHZ)
         mean = math.log(LEVEL_RSUN) + SLOPE * away
         straight = np.stack([np.full(away.size, LEVEL_SD), SLOPE_SD * away], axis=1)
@@ -260,9 +250,18 @@ class Track:
         """Delay of a receiver that the source does not point to, over the half width of the rise, shape (...)."""
         return np.asarray(self.model.delay.kappa + self.model.delay.kappa_sd * z[..., self.winds])
 
+    @cached_property
+    def _bases(self) -> dict[bytes, FloatArray]:
+        """Values of the splines by the frequencies that they were computed for: a fit asks for the same ones again."""
+        return {}
+
     def basis(self, frequency_mhz: FloatArray) -> FloatArray:
         """Values of the splines at frequencies, shape (F, coefficients)."""
-        return _splines(self.band_mhz, np.asarray(frequency_mhz, np.float64).tobytes())
+        name = frequency_mhz.tobytes()
+        if name not in self._bases:
+            matrix = BSpline.design_matrix(np.log(frequency_mhz), self._knots, 3, extrapolate=True)
+            self._bases[name] = np.asarray(matrix.toarray())
+        return self._bases[name]
 
     def range_rsun(self, z: FloatArray, basis: FloatArray) -> FloatArray:
         """Distance of the source from the Sun, solar radii.
@@ -362,12 +361,12 @@ class Track:
         return slopes
 
     def _add_beam(self, slopes: FloatArray, z: FloatArray, range_rsun: FloatArray, spline: FloatArray) -> None:
-        """Add the derivatives of the travel of the beam, by differences in the distance, the wind and its own laws."""
+        """Add the derivatives of the travel of the beam, by differences: by the distance, by its own, by the wind."""
         now = self.beam_s(z, range_rsun)
-        distance = slice(self.winds + 1, self.winds + 1 + spline.shape[1])
-        by_log_range = (self.beam_s(z, range_rsun * (1 + STEP)) - now) / STEP
-        slopes[:, distance] += by_log_range[:, None] * spline.T
-        for place in (*range(self.winds), *range(distance.stop, self.size)):
+        by_log_range = (self.beam_s(z, range_rsun * math.exp(STEP)) - now) / STEP
+        first, end = self.winds + 1, self.winds + 1 + spline.shape[1]
+        slopes[:, first:end] += by_log_range[:, None] * spline.T
+        for place in (*range(self.winds), *range(end, self.size)):
             moved = z.copy()
             moved[:, place] += STEP
             slopes[:, place] += (self.beam_s(moved, range_rsun) - now) / STEP

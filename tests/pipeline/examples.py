@@ -8,8 +8,8 @@ from pathlib import Path
 
 from bella.bursts import EVENT
 from bella.catalogue import SourceFile
+from bella.pipeline.day_files import DayFiles
 from bella.pipeline.inputs import BurstInput, load_burst
-from bella.pipeline.mirror import DayFiles
 
 
 def files_of(day: date, paths: Sequence[Path]) -> DayFiles:
