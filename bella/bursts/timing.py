@@ -353,7 +353,9 @@ def time_spectra(
         except NoDataError as error:
             left_out.append(str(error))
     if not parts:
-        raise NoDataError(f"no spacecraft shows a burst around {around_utc}; give another time, or other spectra")
+        raise NoDataError(
+            f"no spacecraft shows a burst around {np.datetime_as_string(around_utc, 's')}; give another time, or other spectra"
+        )
     return time_burst(parts, edge), left_out
 
 
