@@ -82,7 +82,9 @@ def _follow(settings: "Settings") -> None:
     from bella.pipeline.ingest import feeds, follow
 
     if not feeds(settings, datetime.now(UTC).date()):
-        raise InputError("there is nothing to follow: set BELLA_RECENT_DAYS, BELLA_IN_SITU or BELLA_REGIONS")
+        raise InputError(
+            "there is nothing to follow: set BELLA_RECENT_DAYS, BELLA_IN_SITU, BELLA_REGIONS or BELLA_EVENTS"
+        )
     open_archive(settings.archive)  # a wrong address ends it now, and does not fail every minute
     log_to(None)
     alive = settings.mirror_root / ".alive"
