@@ -261,8 +261,8 @@ class PublishedEvents:
             for one in connection.execute(linked):
                 bursts[one.event_id][one.burst_id] = one.delay_s
         found = tuple(KnownEvent(_event(row), row.list_name, bursts[row.event_id]) for row in shown)
-        more = len(rows) > query.limit
-        return EventPage(found, cursor_after(_ORDER, shown[-1]._mapping, mark) if more else None, total)
+        following = cursor_after(_ORDER, _named(shown[-1]), mark) if len(rows) > query.limit else None
+        return EventPage(found, following, total)
 
 
 def _filters(query: EventQuery) -> list[ColumnElement[bool]]:

@@ -329,9 +329,9 @@ def _swpc_rows(text: str, name: str) -> Iterator[Reader]:
         midnight = datetime.strptime(day, "%Y %m %d").replace(tzinfo=UTC)
     except ValueError as error:
         raise InputError(f"{name}: {day} is not a day; fetch it again") from error
-    found = [match for match in map(_ROW.match, lines) if match]
-    places = {row[1]: row[9].split()[0] for row in found if row[8] == "FLA" and row[9].split()}
-    for row in found:
+    rows = [match for match in map(_ROW.match, lines) if match]
+    places = {row[1]: row[9].split()[0] for row in rows if row[8] == "FLA" and row[9].split()}
+    for row in rows:
         if row[8] == "XRA":
             yield partial(_swpc_flare, row, places.get(row[1], ""), midnight)
 
