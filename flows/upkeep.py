@@ -42,6 +42,6 @@ def housekeeping() -> list[str]:
             is_there = False
     if not is_there:
         localise_burst()
-    if settings.events is not None:
+    if settings.events is not None and settings.events.is_dir():  # the fetcher makes it with the first file
         import_module("bella.pipeline.linked_events").refresh_events(settings)
     return removed

@@ -171,7 +171,7 @@ class PublishedEvents:
         return tuple(ListRead(**row) for row in rows)
 
     def replace(self, one: ListRead, events: Sequence[Event]) -> tuple[Event, ...]:
-        """Keep the events of a list, in one commit; returns those that are new, changed or gone.
+        """Keep the events of a list, in one commit; returns those that are new, changed (before and after) or gone.
 
         An event of before the first one of the list stays: lists of the last days are cut at their beginning. One that
         is missing among the others was withdrawn, and goes.
@@ -202,7 +202,7 @@ class PublishedEvents:
             counted = select(func.count()).select_from(_EVENTS).where(_EVENTS.c.list_name == one.name)
             number = connection.execute(counted).scalar_one()
             connection.execute(update(_LISTS).where(_LISTS.c.name == one.name).values(events=number))
-        return (*new, *withdrawn)
+        return (*new, *withdrawn, *(known[event.event_id] for event in new if event.event_id in known))
 
     def note(self, one: ListRead) -> None:
         """Note what came of a list whose events stay as they are."""

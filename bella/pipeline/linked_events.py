@@ -69,7 +69,7 @@ def refresh_events(settings: Settings, now: datetime | None = None) -> Refreshed
         catalogue.events.note_linked(moment)
         lists = catalogue.events.lists()
     log.info("events linked", lists=len(lists), changed_events=len(changed), bursts=len(bursts))
-    return Refreshed(lists, len(changed), len(bursts))
+    return Refreshed(lists, len({one.event_id for one in changed}), len(bursts))
 
 
 def _read_lists(catalogue: Catalogue, folder: Path, known: dict[str, ListRead], now: datetime) -> Iterator[Event]:
@@ -132,12 +132,11 @@ def _touched(catalogue: Catalogue, changed: Iterable[Event], since: datetime) ->
 
 def _stretches(times: list[datetime]) -> Iterator[tuple[datetime, datetime]]:
     """Stretches of time that hold all times, apart where nothing is for long."""
-    begin: datetime | None = None
-    for one, following in zip(times, [*times[1:], None], strict=True):
-        begin = begin or one
-        if following is None or following - one > 3 * REACH:
-            yield begin, one
-            begin = None
+    begin = 0
+    for end in range(1, len(times) + 1):
+        if end == len(times) or times[end] - times[end - 1] > 3 * REACH:
+            yield times[begin], times[end - 1]
+            begin = end
 
 
 def _link(catalogue: Catalogue, burst_id: str, released_utc: datetime) -> None:
