@@ -225,6 +225,7 @@ class EventFilter(_Query):
     start: Asked = Field(None, description="Events that start at this UTC time or later.", examples=["2012-06-07"])
     stop: Asked = Field(None, description="Events that start before this UTC time.", examples=["2012-06-08"])
     kind: list[EventKind] = Field([], description=f"{', '.join(KINDS)}; repeatable.")
+    observatory: Asked = Field(None, description="Seen from there: EARTH, or a spacecraft.", examples=["SOLO"])
     linked: bool = Field(False, description="True: only events that are near a burst.")
     limit: int = Field(100, ge=1, le=1000, description="Events per reply.")
     cursor: Asked = CURSOR
@@ -240,7 +241,8 @@ class EventFilter(_Query):
         start, stop = parse_utc(self.start, "start"), parse_utc(self.stop, "stop")
         if start and stop and start >= stop:
             raise InputError("start: is not before stop; exchange them, or leave one out")
-        return EventQuery(start, stop, frozenset(self.kind), self.linked, self.cursor, self.limit)
+        observer = _observatory(self.observatory) if self.observatory else None
+        return EventQuery(start, stop, frozenset(self.kind), observer, self.linked, self.cursor, self.limit)
 
 
 class DayFilter(OriginChoice):

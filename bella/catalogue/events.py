@@ -128,11 +128,12 @@ class KnownEvent:
 
 @dataclass(frozen=True)
 class EventQuery:
-    """Which events, by their start at the observer: of these kinds (of all where empty), and linked ones alone."""
+    """Which events, by their start at the observer: of these kinds (of all where empty), seen from there, linked."""
 
     start: datetime | None = None
     stop: datetime | None = None
     kinds: frozenset[EventKind] = frozenset()
+    observer: str | None = None
     linked: bool = False
     cursor: str | None = None
     limit: int = 100
@@ -273,6 +274,8 @@ def _filters(query: EventQuery) -> list[ColumnElement[bool]]:
         conditions.append(_EVENTS.c.start_utc < query.stop)
     if query.kinds:
         conditions.append(_EVENTS.c.kind.in_(sorted(query.kinds)))
+    if query.observer is not None:
+        conditions.append(_EVENTS.c.observer == query.observer)
     if query.linked:
         conditions.append(select(_LINKS.c.burst_id).where(_LINKS.c.event_id == _EVENTS.c.event_id).exists())
     return conditions

@@ -73,7 +73,7 @@ def list_events(  # noqa: PLR0913, PLR0917 - one argument per option
     days = tuple(text and datetime.combine(day_option(text, "--from or --to"), time(), UTC) for text in (first, last))
     start, stop = days[0] or None, days[1] + timedelta(days=1) if days[1] else None
     with closing(open_catalogue(settings_of(home))) as catalogue:
-        page = catalogue.events.events(EventQuery(start, stop, kinds, linked, limit=limit))
+        page = catalogue.events.events(EventQuery(start, stop, kinds, linked=linked, limit=limit))
     if as_json:
         print_json([_event_row(one) for one in page.events])
         return

@@ -112,6 +112,12 @@ def test_ids_of_a_radio_catalogue_come_back_with_positions(client: TestClient, s
     assert json.loads(reply.text)["features"][0]["bbox"][1::2] == [0.2, 16.0]
 
 
+def test_events_are_chosen_by_where_they_were_seen_from(client: TestClient) -> None:
+    assert {one["kind"] for one in asked(client, "events?observatory=STA")["events"]} == {"radio"}
+    assert asked(client, "events?observatory=EARTH")["total"] == 6
+    assert asked(client, "events?observatory=SOLO")["total"] == 0
+
+
 def test_a_reply_has_a_tag_that_changes_with_the_lists(client: TestClient) -> None:
     reply: httpx.Response = client.get("/api/v1/events")
     assert client.get("/api/v1/events", headers={"If-None-Match": reply.headers["etag"]}).status_code == 304
