@@ -10,6 +10,8 @@ from fastapi.staticfiles import StaticFiles
 
 from api.errors import DESCRIBED, install_error_handlers
 from api.headers import install_headers
+from api.pages import burst as burst_page
+from api.pages import bursts as list_page
 from api.routers import (
     alerts,
     arrivals,
@@ -20,7 +22,6 @@ from api.routers import (
     hapi,
     health,
     observability,
-    pages,
     quirks,
     solutions,
     status,
@@ -75,7 +76,8 @@ def create_app(settings: Settings | None = None) -> FastAPI:
         status,
         observability,
         days,
-        pages,
+        list_page,
+        burst_page,
     ):
         app.include_router(module.router)
     app.mount("/static", StaticFiles(directory=STATIC), name="static")

@@ -30,7 +30,7 @@ ALWAYS = {
 
 
 class SecurityHeaders:
-    """Adds the headers of `ALWAYS` to each reply."""
+    """Adds the headers of `ALWAYS` to each reply that has none of its own."""
 
     def __init__(self, app: ASGIApp) -> None:
         self.app = app
@@ -40,7 +40,9 @@ class SecurityHeaders:
 
         async def _marked(message: Message) -> None:
             if message["type"] == "http.response.start":
-                MutableHeaders(scope=message).update(ALWAYS)
+                headers = MutableHeaders(scope=message)
+                for name, value in ALWAYS.items():
+                    headers.setdefault(name, value)
             await send(message)
 
         await self.app(scope, receive, _marked if scope["type"] == "http" else send)

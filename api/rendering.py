@@ -5,15 +5,18 @@ from datetime import UTC, datetime
 from functools import cache
 from pathlib import Path
 from typing import Any
+from urllib.parse import urlencode
 
 from fastapi import Request
 from fastapi.responses import HTMLResponse
-from jinja2 import Environment, FileSystemLoader, StrictUndefined
+from jinja2 import Environment, FileSystemLoader, StrictUndefined, pass_context
+from jinja2.runtime import Context
 
 from api.wording import answer_class, answer_words, flag_meaning, reason_words
 from bella import __version__
 from bella.answer import written_68, written_wind
-from bella.plotting import edge_name, plotly_version
+from bella.catalogue import Solution
+from bella.plotting import edge_name
 
 TEMPLATES = Path(__file__).parent / "templates"
 MINUS, DASH = "\N{MINUS SIGN}", "\N{EN DASH}"
@@ -44,7 +47,9 @@ def render(
     -------
     HTMLResponse
     """
-    text = _environment().get_template(template).render(path=request.url.path, status=status, **values)
+    text = _environment().get_template(template).render(
+        path=request.url.path, query=request.query_params.multi_items(), status=status, **values
+    )
     return HTMLResponse(text, status, {"Cache-Control": "no-cache", **(headers or {})})
 
 
@@ -61,6 +66,10 @@ def _environment() -> Environment:
         utc=written_time,
         day=written_day,
         clock=written_clock,
+        minute=written_minute,
+        sentence=written_sentence,
+        series_query=series_query,
+        changed=changed_query,
         interval=written_interval,
         wind=written_speed,
         edge=edge_name,
@@ -69,7 +78,7 @@ def _environment() -> Environment:
         answer_words=answer_words,
         answer_class=answer_class,
     )
-    environment.globals.update(version=__version__, plotly_version=plotly_version())
+    environment.globals.update(version=__version__)
     return environment
 
 
@@ -86,6 +95,31 @@ def written_day(moment: datetime) -> str:
 def written_clock(moment: datetime) -> str:
     """Time of day as 19:29:15."""
     return f"{_in_utc(moment):%H:%M:%S}"
+
+
+def written_minute(moment: datetime) -> str:
+    """Time of day as 19:29."""
+    return f"{_in_utc(moment):%H:%M}"
+
+
+def written_sentence(sentence: str) -> str:
+    """Answer of a solution without its grade, which pages show beside it, and with the sign of the Sun."""
+    return sentence.partition(", grade ")[0].replace("R_sun", "R\N{SUN}")
+
+
+def series_query(solution: Solution, *, with_version: bool = False) -> str:
+    """Query of an address that asks for the series of a solution, or for just this version of it."""
+    series = solution.series
+    asked: dict[str, Any] = {"edge": series.edge, "method": series.method, "preset": series.preset}
+    return urlencode(asked | ({"version": solution.version} if with_version else {}))
+
+
+@pass_context
+def changed_query(context: Context, values: Mapping[str, str]) -> str:
+    """Address of the page that is rendered with other values in its query; an empty one takes the name out."""
+    kept = [(name, value) for name, value in context["query"] if name not in values]
+    asked = urlencode([*kept, *((name, value) for name, value in values.items() if value)], safe=",:")
+    return f"?{asked}" if asked else str(context["path"])
 
 
 def written_interval(parameter: Mapping[str, Any] | None, digits: int = 1) -> str:

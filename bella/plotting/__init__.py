@@ -1,18 +1,20 @@
 """Figures: the constellation with its tracks, the spectra with their timed edges, the uncertainty map, P-P curves.
 
-The screen figures are plain dicts in plotly's JSON form, made without importing plotly; the printed ones are PNG files
-drawn with matplotlib, which is imported when one of their functions is first asked for.
+The figures of the pages are SVG, written without any drawing library; the printed ones are PNG files drawn with
+matplotlib, which is imported when one of their functions is first asked for.
 """
 
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 from bella.exceptions import require_extra
-from bella.plotting.constellation import constellation_figure, selected_regions
-from bella.plotting.geometry import TrackView, polar_track, speed_remark
+from bella.plotting.constellation import constellation_caption, constellation_figure, thumbnail
+from bella.plotting.evolution import evolution_figure, residual_figure
+from bella.plotting.geometry import TrackView, polar_track, selected_regions, speed_remark
 from bella.plotting.palette import edge_name
-from bella.plotting.script import plotly_script, plotly_version
-from bella.plotting.spectra import spectra_figure
+from bella.plotting.spectra import spectra_caption, spectra_figure
+from bella.plotting.timeline import Marked, selection_figure
+from bella.plotting.svg import as_file, figure_style
 
 if TYPE_CHECKING:
     from bella.plotting.aligned import write_aligned_png
@@ -29,21 +31,28 @@ if TYPE_CHECKING:
     from bella.plotting.wind import WindScene, write_wind_map_png
 
 __all__ = [
+    "Marked",
     "TrackView",
     "WindScene",
+    "as_file",
     "comparison_panels",
+    "constellation_caption",
     "constellation_figure",
     "draw_arrivals",
     "draw_detections",
     "draw_positions",
     "draw_track",
     "edge_name",
-    "plotly_script",
-    "plotly_version",
+    "evolution_figure",
+    "figure_style",
     "polar_track",
+    "residual_figure",
     "selected_regions",
+    "selection_figure",
+    "spectra_caption",
     "spectra_figure",
     "speed_remark",
+    "thumbnail",
     "write_aligned_png",
     "write_calibration_png",
     "write_collapsed_png",

@@ -10,11 +10,10 @@ import xarray as xr
 
 from bella.flags import NOT_CONSTRAINED
 from bella.heliosphere import spiral_longitude_deg
+from bella.plotting.listing import listed, significant
 from bella.units import FloatArray
 
 SPIRAL_POINTS = 160
-NEAR_NAME_RSUN = 40.0
-"""Spacecraft nearer than this to each other would have one name upon the other."""
 
 
 @dataclass(frozen=True)
@@ -176,31 +175,39 @@ def speed_remark(contraction: float) -> str:
     return f"speed constrained (contraction {contraction:.2f})"
 
 
-def name_places(where_rsun: FloatArray) -> list[str]:
-    """Where the names of spacecraft stand on a map, in the words of plotly.
+def selected_regions(posterior: Any, frequency_mhz: float) -> dict[str, Any]:
+    """Numbers and outlines of the one channel nearest to a frequency.
 
     Parameters
     ----------
-    where_rsun : ndarray, shape (N, 3)
-        HEE, solar radii.
+    posterior : xarray.Dataset
+    frequency_mhz : float
 
     Returns
     -------
-    list of str
-        Outside the ring, except at the Earth, where the axis runs; on the other side of a spacecraft where the name
-        of one that came before it is near.
+    dict
+        ``frequency_mhz, x_rsun, y_rsun, range_rsun, range_sd_rsun, longitude_deg, longitude_sd_deg, area68_rsun2,
+        area95_rsun2, contraction_v, speed, region68, region95``; a region is ``{"x": [...], "y": [...]}`` with None
+        between its polygons.
     """
-    places: list[str] = []
-    for index, (x, y, _) in enumerate(where_rsun):
-        place = _outside(x, y)
-        near = np.linalg.norm(where_rsun[:index, :2] - (x, y), axis=1) < NEAR_NAME_RSUN
-        if any(other == place for other, close in zip(places, near, strict=True) if close):
-            place = place.replace("top", "bottom") if "top" in place else place.replace("bottom", "top")
-        places.append(place)
-    return places
+    track = polar_track(posterior)
+    index = nearest_index(track.frequency_mhz, frequency_mhz)
+    contraction = float(posterior["contraction_v"][index])
+    numbers = {
+        "frequency_mhz": significant([track.frequency_mhz[index]], 5)[0],
+        "x_rsun": listed(track.x_rsun[index : index + 1])[0],
+        "y_rsun": listed(track.y_rsun[index : index + 1])[0],
+        "range_rsun": listed(track.range_rsun[index : index + 1])[0],
+        "range_sd_rsun": listed(track.range_sd_rsun[index : index + 1])[0],
+        "longitude_deg": listed(track.longitude_deg[index : index + 1])[0],
+        "longitude_sd_deg": listed(track.longitude_sd_deg[index : index + 1])[0],
+        "area68_rsun2": significant([float(posterior["area68_rsun2"][index])])[0],
+        "area95_rsun2": significant([float(posterior["area95_rsun2"][index])])[0],
+        "contraction_v": listed([contraction], 3)[0],
+        "speed": speed_remark(contraction),
+    }
+    return numbers | {f"region{p}": _listed_outline(region_outline(posterior, index, p)) for p in (68, 95)}
 
 
-def _outside(x: float, y: float) -> str:
-    if abs(y) < 0.25 * abs(x):
-        return "top left" if x > 0 else "top right"
-    return "top center" if y > 0 else "bottom center"
+def _listed_outline(points: FloatArray) -> dict[str, Any]:
+    return {"x": listed(points[:, 0], 1), "y": listed(points[:, 1], 1)}
