@@ -12,6 +12,7 @@ from api.errors import DESCRIBED, install_error_handlers
 from api.headers import install_headers
 from api.pages import burst as burst_page
 from api.pages import bursts as list_page
+from api.pages import guide, submit
 from api.routers import (
     alerts,
     arrivals,
@@ -78,6 +79,8 @@ def create_app(settings: Settings | None = None) -> FastAPI:
         days,
         list_page,
         burst_page,
+        guide,
+        submit,
     ):
         app.include_router(module.router)
     app.mount("/static", StaticFiles(directory=STATIC), name="static")

@@ -13,7 +13,16 @@ from api.queries import SolutionChoice, chosen, parse_utc
 from api.service import Service
 from bella.catalogue import BurstSummary, Catalogue, Solution
 from bella.exceptions import InputError, NoDataError
-from bella.plotting import TrackView, constellation_figure, edge_name, evolution_figure, residual_figure, spectra_figure
+from bella.plotting import (
+    MapView,
+    SpectraView,
+    TrackView,
+    constellation_figure,
+    edge_name,
+    evolution_figure,
+    residual_figure,
+    spectra_figure,
+)
 from bella.plotting.constellation import Frame, View
 from bella.plotting.geometry import receiver_positions
 from bella.plotting.spectra import Clock
@@ -143,15 +152,15 @@ class Looked:
         ]
         utc = np.datetime64(burst.start_utc.replace(tzinfo=None), "ns")
         is_placed = bool(tracks) and self.posterior is not None
-        return constellation_figure(
-            tracks,
-            utc,
+        sectors = (self.track.get("joint") or {}).get("phi0_68", ())
+        look = MapView(
             view=self.view.view,
             frame=self.view.frame,
             frequency_mhz=self.view.frequency,
-            sectors=() if is_placed else [Interval(**one) for one in (self.track.get("joint") or {}).get("phi0_68", ())],
+            sectors=() if is_placed else [Interval(**one) for one in sectors],
             receivers={} if is_placed else places_of(burst.observatories, utc),
         )
+        return constellation_figure(tracks, utc, look)
 
     def spectra(self) -> str:
         """Spectra with the edges that were timed.
@@ -165,15 +174,14 @@ class Looked:
         tree = self.service.spectra(burst.burst_id, burst.spectra_path)
         wanted = [self.shown, *(self.others if self.view.all else [])] if self.shown else []
         edges = {one.series.edge: self.service.posterior(one) for one in reversed(wanted) if one}
-        return spectra_figure(
-            tree,
-            edges,
+        look = SpectraView(
+            clock=self.view.clock,
             shift_s=self._shift_s(),
-            clock_name=self.view.clock,
             span_s=self.view.span_s,
             band_mhz=self.view.band_mhz,
             frequency_mhz=self.view.frequency,
         )
+        return spectra_figure(tree, edges, look)
 
     def _shift_s(self) -> dict[str, float]:
         """Seconds from the clock of each spacecraft to the one that is asked for."""

@@ -47,8 +47,10 @@ def render(
     -------
     HTMLResponse
     """
-    text = _environment().get_template(template).render(
-        path=request.url.path, query=request.query_params.multi_items(), status=status, **values
+    text = (
+        _environment()
+        .get_template(template)
+        .render(path=request.url.path, query=request.query_params.multi_items(), status=status, **values)
     )
     return HTMLResponse(text, status, {"Cache-Control": "no-cache", **(headers or {})})
 

@@ -26,7 +26,12 @@ from bella.records import REAL_ORIGINS, Origin, origins_beside
 
 router = APIRouter(include_in_schema=False)
 
-FIGURES = (("Map", "constellation"), ("Spectra", "spectra"), ("Distance and speed", "evolution"), ("Residuals", "residuals"))
+FIGURES = {
+    "constellation": "Map",
+    "spectra": "Spectra",
+    "evolution": "Distance and speed",
+    "residuals": "Residuals",
+}
 
 
 @router.get("/bursts/{burst_id}")
@@ -114,7 +119,7 @@ def _downloads(
     placed = [("Positions by frequency", links["track"], tables)] if is_placed else []
     figures = [
         (words, f"{links['self']}/figures/{name}", [("SVG", drawn)])
-        for words, name in FIGURES
+        for name, words in FIGURES.items()
         if is_placed or name in {"constellation", "spectra"}
     ]
     return [

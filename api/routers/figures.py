@@ -2,7 +2,7 @@
 
 from typing import Annotated, Literal
 
-from fastapi import APIRouter, Query, Request, Response
+from fastapi import APIRouter, Depends, Query, Request, Response
 
 from api.drawing import BurstView, Looked
 from api.freshness import REVALIDATE, is_known, not_modified, tag_of
@@ -18,17 +18,16 @@ FILE_POLICY = "default-src 'none'; style-src 'unsafe-inline'; img-src data:"
 FigureName = Literal["constellation", "spectra", "evolution", "residuals"]
 
 
+def _looked(
+    burst_id: str, service: ServiceHere, catalogue: CatalogueHere, view: Annotated[BurstView, Query()]
+) -> Looked:
+    return Looked(service, catalogue, catalogue.burst(burst_id), view)
+
+
 @router.get("/{name}", responses={200: {"content": {"image/svg+xml": {}}, "description": "The figure."}})
-def figure(
-    request: Request,
-    burst_id: str,
-    name: FigureName,
-    service: ServiceHere,
-    catalogue: CatalogueHere,
-    view: Annotated[BurstView, Query()],
-) -> Response:
+def figure(request: Request, name: FigureName, looked: Annotated[Looked, Depends(_looked)]) -> Response:
     """Map of the track, spectra with the timed edges, distance and speed against frequency, or residuals; SVG."""
-    looked = Looked(service, catalogue, catalogue.burst(burst_id), view)
+    burst_id, view = looked.summary.burst.burst_id, looked.view
     solutions, more = looked.tags()
     tag = tag_of(solutions, name, *more)
     if is_known(request, tag):

@@ -8,13 +8,13 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 from bella.exceptions import require_extra
-from bella.plotting.constellation import constellation_caption, constellation_figure, thumbnail
+from bella.plotting.constellation import MapView, constellation_caption, constellation_figure, thumbnail
 from bella.plotting.evolution import evolution_figure, residual_figure
 from bella.plotting.geometry import TrackView, polar_track, selected_regions, speed_remark
 from bella.plotting.palette import edge_name
-from bella.plotting.spectra import spectra_caption, spectra_figure
-from bella.plotting.timeline import Marked, selection_figure
+from bella.plotting.spectra import SpectraView, spectra_caption, spectra_figure
 from bella.plotting.svg import as_file, figure_style
+from bella.plotting.timeline import Marked, selection_figure
 
 if TYPE_CHECKING:
     from bella.plotting.aligned import write_aligned_png
@@ -31,7 +31,9 @@ if TYPE_CHECKING:
     from bella.plotting.wind import WindScene, write_wind_map_png
 
 __all__ = [
+    "MapView",
     "Marked",
+    "SpectraView",
     "TrackView",
     "WindScene",
     "as_file",

@@ -4,7 +4,7 @@ Seen from ecliptic north with the Earth to the right: HEE X to the right, HEE Y 
 """
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Literal
 
 import numpy as np
@@ -35,11 +35,14 @@ REGIONS_PER_TRACK = 6
 BAND_POINTS = 48
 RINGS_AU = (0.25, 0.5, 0.75, 1.0)
 NOMINAL_WIND_KM_S, NOMINAL_PERIOD_D = 400.0, 25.38
-"""Of the spirals that are drawn through the spacecraft: the usual slow wind, and the sidereal rotation of Carrington."""
+"""Of the spirals through the spacecraft: the usual slow wind, and the sidereal rotation of Carrington."""
 
 SIZE = (620.0, 560.0)
 SPOKE_STEP_DEG = 30
 LEAST_HALF_RSUN = 12.0
+BEYOND = 1.3
+"""Of the distances of a joint fit: what is farther out does not decide what is shown of its track."""
+
 BORDER = 15.0
 """Room between the border of the map and the labels of the longitudes along it."""
 
@@ -66,24 +69,12 @@ class Map:
         return start + leave * way, leave > 0
 
 
-def constellation_figure(
-    tracks: Sequence[TrackView],
-    utc: np.datetime64,
-    *,
-    view: View = "track",
-    frame: Frame = "hee",
-    frequency_mhz: float | None = None,
-    sectors: Sequence[Interval] = (),
-    receivers: Mapping[str, FloatArray] | None = None,
-) -> str:
-    """Figure of the constellation, SVG.
+@dataclass(frozen=True)
+class MapView:
+    """What a map shows.
 
-    Parameters
+    Attributes
     ----------
-    tracks : sequence of TrackView
-        The first one with its regions and its spiral, the others as lines; may be empty.
-    utc : numpy.datetime64
-        Of Earth, and of the longitudes of a frame.
     view : str
         `track`: what the first track needs; `fleet`: all spacecraft.
     frame : str
@@ -92,18 +83,37 @@ def constellation_figure(
         Whose regions stand out.
     sectors : sequence of Interval
         Longitudes at the Sun, drawn where there is no track.
-    receivers : mapping of str to ndarray, optional
+    receivers : mapping of str to ndarray
         HEE, solar radii; of the tracks where they have them.
+    """
+
+    view: View = "track"
+    frame: Frame = "hee"
+    frequency_mhz: float | None = None
+    sectors: Sequence[Interval] = ()
+    receivers: Mapping[str, FloatArray] = field(default_factory=dict)
+
+
+def constellation_figure(tracks: Sequence[TrackView], utc: np.datetime64, look: MapView) -> str:
+    """Figure of the constellation, SVG.
+
+    Parameters
+    ----------
+    tracks : sequence of TrackView
+        The first one with its regions and its spiral, the others as lines; may be empty.
+    utc : numpy.datetime64
+        Of Earth, and of the longitudes of a frame.
+    look : MapView
 
     Returns
     -------
     str
     """
-    known = dict(receivers or {})
+    known = dict(look.receivers)
     for track in reversed(tracks):
         known |= receiver_positions(track.posterior)
     earth = position("EARTH", utc)[0]
-    chart = _map(tracks, [*known.values(), earth], view)
+    chart = _map(tracks, [*known.values(), earth], look.view)
     title = "Map of the inner heliosphere with Sun, Earth, spacecraft, track, credible regions and spiral."
     styled = [(track, track_style(track.edge, index)) for index, track in enumerate(tracks)]
     others = [part for track, style in reversed(styled[1:]) for part in _line_of(track, style, chart)]
@@ -113,10 +123,10 @@ def constellation_figure(
         title,
         element("rect", x=0, y=0, width=SIZE[0], height=SIZE[1], class_="sky"),
         *_rings(chart),
-        *_spokes(chart, frame, utc),
+        *_spokes(chart, look.frame, utc),
         *_nominal_spirals(chart, known),
-        *(_sector(chart, one) for one in sectors),
-        *(part for track, style in styled[:1] for part in _first(track, style, chart, frequency_mhz)),
+        *(_sector(chart, one) for one in look.sectors),
+        *(part for track, style in styled[:1] for part in _first(track, style, chart, look.frequency_mhz)),
         *others,
         element("circle", cx=chart(np.zeros((1, 2)))[0][0], cy=chart(np.zeros((1, 2)))[0][1], r=7, class_="sun"),
         *_bodies(chart, known, earth),
@@ -131,13 +141,24 @@ def _map(tracks: Sequence[TrackView], bodies: Sequence[FloatArray], view: View) 
     half = 1.1 * float(np.abs(points).max())
     centre = np.zeros(2)
     if view == "track" and tracks:
-        first = tracks[0].posterior
-        indices = spread_indices(polar_track(first), REGIONS_PER_TRACK)
-        shown = np.vstack([np.zeros((1, 2)), *(region_outline(first, int(index), 68) for index in indices)])
+        shown = np.vstack([np.zeros((1, 2)), *_near(tracks[0])])
         low, high = np.nanmin(shown, axis=0), np.nanmax(shown, axis=0)
         centre, spans = (low + high) / 2, (high - low) / np.array(SIZE) * SIZE[1]
         half = max(0.62 * float(spans.max()), LEAST_HALF_RSUN)
     return Map((float(centre[0]), float(centre[1])), SIZE[1] / (2 * half))
+
+
+def _near(track: TrackView) -> Iterator[FloatArray]:
+    """Positions and 68 % regions of a track, as far as its joint fit goes: single channels may be far out."""
+    polar = polar_track(track.posterior)
+    profile = (track.track_fit.get("joint") or {}).get("profile") or ()
+    far = [one["range_rsun"]["q84"] for one in profile if one["range_rsun"].get("q84") is not None]
+    reach = BEYOND * max(far) if far else np.inf
+    near = polar.range_rsun <= reach
+    yield np.column_stack([polar.x_rsun, polar.y_rsun])[near if near.any() else slice(None)]
+    for index in spread_indices(polar, REGIONS_PER_TRACK):
+        outline = region_outline(track.posterior, int(index), 68)
+        yield outline[np.hypot(*outline.T) <= reach]
 
 
 def _rings(chart: Map) -> Iterator[str]:
@@ -150,9 +171,7 @@ def _rings(chart: Map) -> Iterator[str]:
     radii = [one * AU_RSUN for one in RINGS_AU] if in_au else [step * n for n in range(1, int(reach / step) + 1)]
     for radius in radii:
         is_au = in_au and radius == AU_RSUN
-        yield element(
-            "circle", cx=sun[0], cy=sun[1], r=radius * chart.per_rsun, class_="ring au" if is_au else "ring"
-        )
+        yield element("circle", cx=sun[0], cy=sun[1], r=radius * chart.per_rsun, class_="ring au" if is_au else "ring")
         label = f"{radius / AU_RSUN:g} au" if in_au else f"{radius:g} R\N{SUN}"
         x, y = chart(np.array([[radius * np.cos(np.radians(75.0)), radius * np.sin(np.radians(75.0))]]))[0]
         if 12 < y < SIZE[1] - 4 and 20 < x < SIZE[0] - 20:
@@ -205,9 +224,9 @@ def _first(track: TrackView, style: TrackStyle, chart: Map, frequency_mhz: float
     """The track that the map is about: band of its spiral, regions, positions by frequency."""
     polar, name = polar_track(track.posterior), f"edge-{style.name}"
     band = spiral_band(track.posterior, np.linspace(1.0, AU_RSUN, BAND_POINTS))
-    for percent in PERCENTS if band is not None else ():
-        yield path(chart(band_outline(band, percent)), closed=True, class_=f"spiral-band p{percent} {name}")
     if band is not None:
+        for percent in PERCENTS:
+            yield path(chart(band_outline(band, percent)), closed=True, class_=f"spiral-band p{percent} {name}")
         middle = np.radians(band.median_deg)
         spiral = np.column_stack([band.range_rsun * np.cos(middle), band.range_rsun * np.sin(middle)])
         yield path(chart(spiral), class_=f"spiral {name}")
@@ -236,7 +255,13 @@ def _dots(track: TrackView, polar: PolarTrack, places: FloatArray) -> Iterator[s
         longitude = written_68({"mean": float(polar.longitude_deg[index]), "sd": float(polar.longitude_sd_deg[index])})
         said = f"{frequency:.3g} MHz: {distance} R\N{SUN}, {longitude}° HEE, 68 % area {area[index]:.0f} R\N{SUN}²"
         yield element(
-            "circle", element("title", said), cx=x, cy=y, r=4.2, fill=colour_at(float(share)), data_mhz=f"{frequency:.5g}"
+            "circle",
+            element("title", said),
+            cx=x,
+            cy=y,
+            r=4.2,
+            fill=colour_at(float(share)),
+            data_mhz=f"{frequency:.5g}",
         )
 
 
@@ -332,9 +357,7 @@ def thumbnail(
         angle = np.radians(np.linspace(*longitude_68, 12))
         arc = AU_RSUN * np.column_stack([np.cos(angle), np.sin(angle)])
         wedge = path(_at(np.vstack([np.zeros((1, 2)), arc])), closed=True, class_="sector")
-    crafts = [
-        element("circle", cx=x, cy=y, r=2.2, class_="craft") for one in receivers.values() for x, y in _at(one)
-    ]
+    crafts = [element("circle", cx=x, cy=y, r=2.2, class_="craft") for one in receivers.values() for x, y in _at(one)]
     return element(
         "svg",
         element("circle", cx=half, cy=half, r=31, class_="ring au"),
@@ -356,5 +379,5 @@ def constellation_caption(frame: Frame) -> str:
     return (
         f"Track of a Type III burst seen from ecliptic north, Earth to the right; longitudes of the grid are {named}. "
         "Dots: source at each frequency. Filled: 68 % regions, dotted: 95 %. Wedge: spiral of the joint fit, 68 and "
-        f"95 %. Thin dotted: spirals of a {NOMINAL_WIND_KM_S:g} km/s wind to the spacecraft. {APPARENT_SOURCE.capitalize()}."
+        f"95 %. Thin dotted: spirals of a {NOMINAL_WIND_KM_S:g} km/s wind. {APPARENT_SOURCE.capitalize()}."
     )

@@ -7,7 +7,7 @@ import numpy as np
 import xarray as xr
 
 from bella.heliosphere import DENSITY_MODELS, emission_range_rsun
-from bella.plotting.geometry import polar_track
+from bella.plotting.geometry import PolarTrack, polar_track
 from bella.plotting.palette import FREQUENCY_TICKS_MHZ, track_style
 from bella.plotting.svg import Scale, element, figure, line, path, words
 from bella.units import FloatArray
@@ -43,18 +43,22 @@ def evolution_figure(posterior: xr.Dataset, track_fit: Mapping[str, Any]) -> str
     right = Scale(*band, WIDTH / 2 + LEFT - 6, WIDTH - RIGHT, is_log=True)
     far = max(10.0, 1.3 * float(np.nanmax(polar.range_rsun)))
     distance = Scale(max(1.0, 0.6 * float(np.nanmin(polar.range_rsun))), far, HEIGHT - BOTTOM, TOP, is_log=True)
-    speeds = [one["beam_speed_c"]["q84"] for one in profile if one.get("beam_speed_c") and one["beam_speed_c"].get("q84")]
+    speeds = [
+        one["beam_speed_c"]["q84"] for one in profile if one.get("beam_speed_c") and one["beam_speed_c"].get("q84")
+    ]
     speed = Scale(0.0, min(1.2, max(0.3, 1.15 * max(speeds, default=0.3))), HEIGHT - BOTTOM, TOP)
     parts = [
         *_axes(left, distance, DISTANCE_TICKS_RSUN, "Distance from the Sun (R\N{SUN})"),
         *_models(left, distance),
         *_band(profile, "range_rsun", left, distance, name),
-        *_errors(polar.frequency_mhz, polar.range_rsun, polar.range_sd_rsun, left, distance, name),
+        *_errors(polar, left, distance, name),
         *_axes(right, speed, SPEED_TICKS_C, "Speed of the beam (c)"),
         *_band(profile, "beam_speed_c", right, speed, name),
     ]
     if not speeds:
-        parts.append(words("not fitted", (right.start + right.end) / 2, HEIGHT / 2, class_="tick", text_anchor="middle"))
+        parts.append(
+            words("not fitted", (right.start + right.end) / 2, HEIGHT / 2, class_="tick", text_anchor="middle")
+        )
     title = "Distance of the source from the Sun, and speed of the beam, against frequency, with 68 % intervals."
     return figure("evolution", (WIDTH, HEIGHT), title, *parts)
 
@@ -107,7 +111,9 @@ def _axes(across: Scale, upward: Scale, ticks: Sequence[float], name: str) -> It
     for tick in upward.among(ticks):
         y = float(upward(tick))
         yield line(across.start, y, across.end, y, class_="gridline")
-        yield words(f"{tick:.3g}".replace("-", "\N{MINUS SIGN}"), across.start - 6, y + 4, class_="tick", text_anchor="end")
+        yield words(
+            f"{tick:.3g}".replace("-", "\N{MINUS SIGN}"), across.start - 6, y + 4, class_="tick", text_anchor="end"
+        )
     yield words("MHz", (across.start + across.end) / 2, upward.start + 36, class_="axis-name", text_anchor="middle")
     yield words(name, across.start - 30, upward.end - 9, class_="axis-name")
 
@@ -136,15 +142,16 @@ def _band(profile: Sequence[Mapping[str, Any]], key: str, across: Scale, upward:
     low, high = np.clip(low, least, upward.high), np.clip(high, least, upward.high)
     outline = np.concatenate([np.column_stack([frequency, low]), np.column_stack([frequency, high])[::-1]])
     yield path(np.column_stack([across(outline[:, 0]), upward(outline[:, 1])]), closed=True, class_=f"band {name}")
-    yield path(np.column_stack([across(frequency), upward(np.clip(middle, least, upward.high))]), class_=f"curve {name}")
+    yield path(
+        np.column_stack([across(frequency), upward(np.clip(middle, least, upward.high))]), class_=f"curve {name}"
+    )
 
 
-def _errors(
-    frequency: FloatArray, value: FloatArray, sd: FloatArray, across: Scale, upward: Scale, name: str
-) -> Iterator[str]:
+def _errors(polar: PolarTrack, across: Scale, upward: Scale, name: str) -> Iterator[str]:
+    value, sd = polar.range_rsun, polar.range_sd_rsun
     kept = np.unique(np.linspace(0, len(value) - 1, MOST_ERRORS).astype(int))
     for index in kept[np.isfinite(value[kept])]:
-        x = float(across(frequency[index]))
+        x = float(across(polar.frequency_mhz[index]))
         low, high = np.clip([value[index] - sd[index], value[index] + sd[index]], upward.low, upward.high)
         yield line(x, float(upward(low)), x, float(upward(high)), class_=f"error {name}")
         yield element("circle", cx=x, cy=float(upward(value[index])), r=2.4, class_=f"dot {name}")

@@ -1,7 +1,7 @@
 """Dynamic spectra of all spacecraft, one above the other, with the edges that were timed drawn on them."""
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Literal
 
 import numpy as np
@@ -10,7 +10,7 @@ import pandas as pd
 import xarray as xr
 
 from bella.plotting.palette import FREQUENCY_TICKS_MHZ, INTENSITY_SCALE, edge_name, track_style
-from bella.plotting.svg import Scale, clock, element, figure, line, path, picture, unix_s, words
+from bella.plotting.svg import Scale, element, figure, line, path, picture, time_of_day, unix_s, words
 from bella.spacecraft import OBSERVATORIES
 from bella.units import DAY_S, FloatArray
 
@@ -74,16 +74,32 @@ class TimedEdge:
 Edges = Mapping[str, Mapping[str, TimedEdge]]
 
 
-def spectra_figure(
-    spectra: xr.DataTree,
-    arrivals: Mapping[str, pd.DataFrame | xr.Dataset],
-    *,
-    shift_s: Mapping[str, float] | None = None,
-    clock_name: Clock = "spacecraft",
-    span_s: tuple[float, float] | None = None,
-    band_mhz: tuple[float, float] | None = None,
-    frequency_mhz: float | None = None,
-) -> str:
+@dataclass(frozen=True)
+class SpectraView:
+    """What of spectra is shown.
+
+    Attributes
+    ----------
+    clock : str
+        Whose time the shifts make.
+    shift_s : mapping of str to float
+        Seconds that are added to the times of a spacecraft.
+    span_s : (float, float) or None
+        Seconds since 1970; without it, around the edges.
+    band_mhz : (float, float) or None
+        Without it, around the edges.
+    frequency_mhz : float or None
+        Marked by a line.
+    """
+
+    clock: Clock = "spacecraft"
+    shift_s: Mapping[str, float] = field(default_factory=dict)
+    span_s: tuple[float, float] | None = None
+    band_mhz: tuple[float, float] | None = None
+    frequency_mhz: float | None = None
+
+
+def spectra_figure(spectra: xr.DataTree, arrivals: Mapping[str, pd.DataFrame | xr.Dataset], look: SpectraView) -> str:
     """Figure of the spectra of one burst, SVG.
 
     Parameters
@@ -92,28 +108,20 @@ def spectra_figure(
         One child per observatory, each a DynamicSpectrum.
     arrivals : mapping of str to pandas.DataFrame or xarray.Dataset
         Edge definition to its arrival table, or to a posterior that holds ``arrival_s``.
-    shift_s : mapping of str to float, optional
-        Seconds that are added to the times of a spacecraft.
-    clock_name : str
-        Which clock that makes.
-    span_s : (float, float) or None
-        Time that is shown, seconds since 1970; without it, around the edges.
-    band_mhz : (float, float) or None
-    frequency_mhz : float or None
-        Marked by a line.
+    look : SpectraView
 
     Returns
     -------
     str
     """
-    shift = shift_s or {}
+    shift = look.shift_s
     panels = [_shifted_panel(panel, shift.get(panel.observatory, 0.0)) for panel in burst_panels(spectra)]
     edges = {
         edge: {name: _shifted_edge(one, shift.get(name, 0.0)) for name, one in timed_edges(table).items()}
         for edge, table in arrivals.items()
     }
-    time = Scale(*(span_s or shown_span(panels, edges)), LEFT, WIDTH - RIGHT)
-    low, high = band_mhz or shown_band(panels, edges.values())
+    time = Scale(*(look.span_s or shown_span(panels, edges)), LEFT, WIDTH - RIGHT)
+    low, high = look.band_mhz or shown_band(panels, edges.values())
     count = max(len(panels), 1)
     height = (HEIGHT - TOP - BOTTOM - GAP * (count - 1)) / count
     tops = [TOP + row * (height + GAP) for row in range(count)]
@@ -121,7 +129,7 @@ def spectra_figure(
     drawn = [
         part
         for panel, scale in zip(panels, scales, strict=False)
-        for part in _panel_parts(panel, edges, time, scale, frequency_mhz)
+        for part in _panel_parts(panel, edges, time, scale, look.frequency_mhz)
     ]
     names = ", ".join(panel.observatory for panel in panels)
     title = f"Dynamic spectra of {names} on a common time axis, with the timed edges drawn on them."
@@ -130,7 +138,7 @@ def spectra_figure(
         (WIDTH, HEIGHT),
         title,
         *drawn,
-        *_time_axis(time, HEIGHT - BOTTOM, CLOCK_NAMES[clock_name]),
+        *_time_axis(time, HEIGHT - BOTTOM, CLOCK_NAMES[look.clock]),
         data_time=f"{time.low:.3f},{time.high:.3f}",
         data_band=f"{low:.5g},{high:.5g}",
         data_across=f"{LEFT:g},{WIDTH - RIGHT:g}",
@@ -295,7 +303,11 @@ def _panel_parts(
     unit = QUANTITY_NAMES.get(panel.quantity, panel.quantity)
     yield words(f"{panel.observatory}", time.start, top - 6, class_="panel-name")
     yield words(f"MHz · {unit}", time.end, top - 6, class_="panel-unit", text_anchor="end")
-    inner = [_edge_parts(edge, timed[panel.observatory], time, frequency) for edge, timed in edges.items() if panel.observatory in timed]
+    inner = [
+        _edge_parts(edge, timed[panel.observatory], time, frequency)
+        for edge, timed in edges.items()
+        if panel.observatory in timed
+    ]
     yield element("g", *(part for parts in inner for part in parts), class_="edges")
     y = float(frequency(frequency_mhz)) if frequency_mhz is not None and frequency.holds(frequency_mhz) else -9.0
     yield line(time.start, y, time.end, y, class_="frequency")
@@ -321,11 +333,11 @@ def _time_axis(time: Scale, top: float, name: str) -> Iterator[str]:
         x = float(time(tick))
         yield line(x, top, x, top + 5, class_="axis")
         kind = "tick" if index % 2 == 0 else "tick wide"
-        yield words(clock(tick, step), x, top + 19, class_=kind, text_anchor="middle")
+        yield words(time_of_day(tick, step), x, top + 19, class_=kind, text_anchor="middle")
     day = str(np.datetime64(round(time.low), "s").astype("datetime64[D]"))
     yield words(f"{day}, {name}", 0.5 * (time.start + time.end), top + 37, class_="axis-name", text_anchor="middle")
 
 
-def spectra_caption(clock_name: Clock) -> str:
+def spectra_caption(clock: Clock) -> str:
     """What the figure of the spectra shows, for a file of its own."""
-    return f"Dynamic spectra of a Type III burst with the arrival times that were used; time is {CLOCK_NAMES[clock_name]}."
+    return f"Dynamic spectra of a Type III burst with the arrival times that were used; {CLOCK_NAMES[clock]}."

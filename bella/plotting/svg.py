@@ -15,6 +15,7 @@ from importlib import resources
 
 import numpy as np
 import numpy.typing as npt
+
 from bella.units import DAY_S, FloatArray
 
 VIRIDIS = ("#440154", "#482878", "#3e4989", "#31688e", "#26828e", "#1f9e89", "#35b779", "#6ece58", "#b5de2b", "#fde725")
@@ -156,7 +157,7 @@ def round_step(length: float) -> float:
     return next(one * power for one in (1.0, 2.0, 2.5, 5.0, 10.0) if one * power >= length * (1 - 1e-9))
 
 
-def clock(seconds: float, step_s: float = 60.0) -> str:
+def time_of_day(seconds: float, step_s: float = 60.0) -> str:
     """Time of day of seconds since an epoch at midnight."""
     of_day = round(seconds % DAY_S)
     return f"{of_day // 3600:02d}:{of_day % 3600 // 60:02d}" + (f":{of_day % 60:02d}" if step_s < 60 else "")

@@ -1,4 +1,4 @@
-"""Bursts and searched days in time: the bursts of a selection by longitude, and calendars that lead from years to days."""
+"""Bursts and searched days in time: bursts of a selection by longitude, and calendars from years to days."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
@@ -45,8 +45,7 @@ def selection_figure(bursts: Sequence[Marked]) -> str:
     below = HEIGHT - BOTTOM - 5
     parts = [*_time_axis(across), *_longitude_axis(across, upward)]
     parts.append(line(across.start, below, across.end, below, class_="gridline"))
-    for one in bursts:
-        parts.append(_mark(one, float(across(one.start.timestamp())), upward, below))
+    parts += [_mark(one, float(across(one.start.timestamp())), upward, below) for one in bursts]
     return figure("selection", (WIDTH, HEIGHT), "Longitude of each burst at the Sun against time.", *parts)
 
 
