@@ -7,7 +7,6 @@ import xarray as xr
 from bella.plotting import polar_track, speed_remark
 from bella.plotting.geometry import (
     fitted_spiral,
-    name_places,
     nearest_index,
     receiver_positions,
     region_outline,
@@ -92,9 +91,3 @@ def test_an_empty_region_has_no_outline() -> None:
 )
 def test_the_remark_on_the_speed(contraction: float, words: str) -> None:
     assert speed_remark(contraction) == words
-
-
-def test_names_of_near_spacecraft_stand_on_either_side() -> None:
-    where = np.array([[215.0, 0.0, 0.0], [-100.0, 180.0, 0.0], [205.0, 5.0, 0.0], [-90.0, -190.0, 0.0]])
-    assert name_places(where) == ["top left", "top center", "bottom left", "bottom center"]
-    assert name_places(where[[3, 3]]) == ["bottom center", "top center"]
