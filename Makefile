@@ -3,7 +3,7 @@ PYTHON ?= python3
 BIN := .venv/bin
 PIP := $(BIN)/pip --disable-pip-version-check
 
-.PHONY: help demo serve test acceptance fuzz lint docs picture bench calibrate found lock clean
+.PHONY: help demo serve test acceptance fuzz lint docs picture bench calibrate found release lock clean
 
 help:  ## Say what can be made
 	@sed -n 's/^\([a-z]*\):.*  ## /  make \1\t/p' $(MAKEFILE_LIST) | expand -t 16
@@ -45,6 +45,12 @@ calibrate: .venv/runtime  ## Check the posterior against simulated sources (8 mi
 found: .venv/runtime  ## Check answers about simulated bursts that are found (10 minutes on two cores)
 	$(BIN)/bella calibrate --found --bursts 21 --workers 2 --output docs
 	cp docs/calibration-found.csv bella/calibration/found.csv
+
+release: .venv/runtime  ## Freeze the catalogue into releases/bella-VERSION and check it (VERSION=2026.1)
+	@test -n "$(VERSION)" || { echo "Give the release a label: make release VERSION=2026.1" >&2; exit 2; }
+	@mkdir -p releases
+	$(BIN)/bella release make $(VERSION) --output releases
+	$(BIN)/bella release verify releases/bella-$(VERSION)
 
 lock:  ## Pin every dependency anew, without any registry address
 	$(PYTHON) -m venv .venv/lock && .venv/lock/bin/pip install --quiet uv

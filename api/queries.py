@@ -2,20 +2,68 @@
 
 from dataclasses import replace
 from datetime import UTC, date, datetime
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 from urllib.parse import urlencode
 
-from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, field_validator
+from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Field, WithJsonSchema, field_validator
+from pydantic_core import PydanticCustomError
 
-from bella.catalogue import BurstQuery, Solution
+from bella.answer import Grade
+from bella.catalogue import RANGES, BurstQuery, Solution
 from bella.exceptions import InputError, NoDataError
-from bella.records import ANNOUNCED_ORIGINS, Origin, origins_asked
+from bella.flags import FLAGS
+from bella.records import ANNOUNCED_ORIGINS, Origin, Tier, origins_asked
+from bella.spacecraft import observatory_name
 
 TIME_HINT = "write a UTC time as 2012-06-07 or 2012-06-07T19:30:00Z"
 
+MethodName = Literal["posterior", "nuts", "tdoa"]
+"""`bella.catalogue.records.METHOD_ORDER`."""
 
-Asked = Annotated[str | None, BeforeValidator(lambda value: None if value == "" else value)]
-"""A field of a form, which sends what is not filled in as an empty text."""
+BurstSort = Literal[
+    "start", "-start", "updated", "-updated", "grade", "-grade", "longitude", "-longitude", "latitude", "-latitude",
+    "distance", "-distance", "wind", "-wind", "area", "-area", "frequency", "-frequency",
+]  # fmt: skip
+"""`bella.catalogue.BURST_SORTS`, forwards and backwards."""
+
+MOST = 1e9
+"""No number that is asked for is larger."""
+
+NEWEST_FIRST: BurstSort = "-start"
+CURSOR = Field(None, description="Where to go on: taken from `next` of the reply before.")
+
+
+def _known_flag(name: str) -> str:
+    if name not in FLAGS:
+        raise PydanticCustomError("unknown", "no such flag; choose of {known}", {"known": ", ".join(FLAGS)})
+    return name
+
+
+FlagName = Annotated[str, AfterValidator(_known_flag), WithJsonSchema({"type": "string", "enum": [*FLAGS]})]
+
+EMPTY_IS_NONE = BeforeValidator(lambda value: None if value == "" else value)
+"""A form sends what is not filled in as an empty text."""
+
+Asked = Annotated[str | None, EMPTY_IS_NONE]
+Bound = Annotated[Annotated[float, Field(ge=-MOST, le=MOST, allow_inf_nan=False)] | None, EMPTY_IS_NONE]
+Angle = Annotated[Annotated[float, Field(ge=-360, le=360, allow_inf_nan=False)] | None, EMPTY_IS_NONE]
+
+
+def _named(values: object) -> object:
+    """Names without empty ones, which a form sends for what is not filled in."""
+    given = [values] if isinstance(values, str) else values
+    return [one.strip() for one in given if str(one).strip()] if isinstance(given, list) else given
+
+
+_without_empty = BeforeValidator(_named)
+Names = Annotated[list[str], _without_empty]
+Grades = Annotated[list[Grade], _without_empty]
+Flags = Annotated[list[FlagName], _without_empty]
+Methods = Annotated[list[MethodName], _without_empty]
+
+
+def _bound(description: str, example: float) -> Any:
+    return Field(None, description=description, examples=[example])
 
 
 CHOICES = ("edge", "method", "preset", "version")
@@ -47,21 +95,42 @@ class OriginChoice(_Query):
         return origins_asked(self.origin)
 
 
-class BurstFilter(OriginChoice):
+class BurstSelection(OriginChoice):
     """Which bursts are asked for; without parameters, all that stand and are of real data."""
 
     start: Asked = Field(None, description="Bursts that start at this UTC time or later.", examples=["2012-06-01"])
     stop: Asked = Field(None, description="Bursts that start before this UTC time.", examples=["2012-07-01"])
-    observatory: list[str] = Field([], description="Observatories that must all have heard the burst; repeatable.")
-    without_flag: list[str] = Field([], description="Quality flags the burst must not have; repeatable.")
+    updated_since: Asked = Field(
+        None, description="Bursts of which something was changed at this UTC time or later.", examples=["2026-01-01"]
+    )
+    observatory: Names = Field([], description="Observatories that must all have heard the burst; repeatable.")
+    grade: Grades = Field([], description="Grades of the answer, such as A or AB; repeatable.", examples=[["A", "B"]])
+    tier: Annotated[Tier | None, EMPTY_IS_NONE] = Field(None, description="Tier of the answer.")
+    flag: Flags = Field([], description="Quality flags that the answer must all have; repeatable.")
+    without_flag: Flags = Field([], description="Quality flags that the answer must not have; repeatable.")
+    edge: Names = Field([], description="Edges of light curves that the answer may come from; repeatable.")
+    method: Methods = Field([], description="Methods that the answer may come from; repeatable.")
+    preset: Names = Field([], description="Presets that the answer may come from; repeatable.")
+    frequency_min: Bound = _bound("The band reaches this frequency or higher, MHz.", 1.0)
+    frequency_max: Bound = _bound("The band reaches this frequency or lower, MHz.", 10.0)
+    longitude_min: Angle = _bound("Longitude at 1 solar radius, HEE degrees, west positive: from here westward.", 170.0)
+    longitude_max: Angle = _bound("To here; across 180 where it is smaller than `longitude_min`.", -150.0)
+    latitude_min: Angle = _bound("Sources reach this HEE latitude or farther north, degrees.", -10.0)
+    latitude_max: Angle = _bound("Sources reach this HEE latitude or farther south, degrees.", 10.0)
+    distance_min: Bound = _bound("Sources reach this distance from the Sun or farther, solar radii.", 20.0)
+    distance_max: Bound = _bound("Sources reach this distance from the Sun or nearer, solar radii.", 100.0)
+    wind_min: Bound = _bound("Speed of the solar wind at least, km/s.", 300.0)
+    wind_max: Bound = _bound("Speed of the solar wind at most, km/s.", 500.0)
+    area_min: Bound = _bound("Area of the 68 % region (median of all frequencies) at least, square solar radii.", 1.0)
+    area_max: Bound = _bound("Area of the 68 % region at most, square solar radii.", 100.0)
     retracted: bool = Field(False, description="True: with those that were retracted.")
-    limit: int = Field(50, ge=1, le=1000, description="Bursts per reply.")
-    cursor: Asked = Field(None, description="Where to go on: taken from `next` of the reply before.")
 
-    @field_validator("observatory", "without_flag")
+    @field_validator("grade", mode="before")
     @classmethod
-    def _without_empty(cls, values: list[str]) -> list[str]:
-        return [value.strip() for value in values if value.strip()]
+    def _single_grades(cls, values: object) -> object:
+        """Grades one by one: several may be written together."""
+        given = [values] if isinstance(values, str) else values
+        return [one for text in given for one in str(text).upper()] if isinstance(given, list) else given
 
     def query(self) -> BurstQuery:
         """Question to the catalogue.
@@ -74,16 +143,55 @@ class BurstFilter(OriginChoice):
         start, stop = (parse_utc(getattr(self, name), name) for name in ("start", "stop"))
         if start and stop and start >= stop:
             raise InputError("start: is not before stop; exchange them, or leave one out")
+        bounds = {f"{name}_{end}": getattr(self, f"{name}_{end}") for name in RANGES for end in ("min", "max")}
+        for name in RANGES:
+            least, most = bounds[f"{name}_min"], bounds[f"{name}_max"]
+            if name != "longitude" and least is not None and most is not None and least > most:
+                raise InputError(f"{name}_min: is above {name}_max; exchange them, or leave one out")
         return BurstQuery(
             start=start,
             stop=stop,
-            observatories=frozenset(self.observatory),
+            updated_since=parse_utc(self.updated_since, "updated_since"),
+            observatories=frozenset(map(_observatory, self.observatory)),
+            grades=frozenset(self.grade),
+            tier=self.tier,
+            flags=frozenset(self.flag),
             flags_absent=frozenset(self.without_flag),
-            cursor=self.cursor,
-            limit=self.limit,
+            edges=frozenset(self.edge),
+            methods=frozenset(self.method),
+            presets=frozenset(self.preset),
+            **bounds,
             origins=frozenset(self.origins),
             with_retracted=self.retracted,
         )
+
+
+class BurstFilter(BurstSelection):
+    """Which bursts are asked for, in which order, and which page of them."""
+
+    sort: Annotated[BurstSort, BeforeValidator(lambda value: value or NEWEST_FIRST)] = Field(
+        NEWEST_FIRST, description="What orders the list; with a minus sign, from the last or largest on."
+    )
+    limit: int = Field(50, ge=1, le=1000, description="Bursts per reply.")
+    cursor: Asked = CURSOR
+
+    def query(self) -> BurstQuery:
+        """Question to the catalogue; see `BurstSelection.query`."""
+        return replace(super().query(), sort=self.sort, cursor=self.cursor, limit=self.limit)
+
+
+def _observatory(name: str) -> str:
+    """Name of a spacecraft as it is used here, of a name as people write it.
+
+    Raises
+    ------
+    InputError
+        If it must be a typing error.
+    """
+    try:
+        return observatory_name(name)
+    except InputError as error:
+        raise InputError(f"observatory: {error}") from error
 
 
 class DetectionFilter(OriginChoice):

@@ -201,6 +201,11 @@ class SolutionReply(Said):
     phi0_high_deg: float | None
     range_low_rsun: float | None = Field(description="Distance of the nearest and of the farthest source.")
     range_high_rsun: float | None
+    latitude_low_deg: float | None = Field(
+        description="HEE latitude of the southernmost source; null where sources were taken to be in the ecliptic."
+    )
+    latitude_high_deg: float | None = Field(description="Of the northernmost.")
+    area68_rsun2: float | None = Field(description="Area of the 68 % region, median of all frequencies.")
     v_sw_km_s: float | None = Field(description="Median speed of the wind; null where it was not measured.")
     v_sw_low_km_s: float | None = Field(description="Ends of its 68 % interval.")
     v_sw_high_km_s: float | None
@@ -287,6 +292,7 @@ class BurstReply(Reply):
     f_high_mhz: float
     observatories: list[str]
     origin: Origin = Field(description=ORIGIN)
+    updated_utc: datetime | None = Field(description="When what is said of the burst was changed last.")
     retracted: RetractionReply | None = Field(description="Null where the burst stands.")
     remark: str = APPARENT_SOURCE
     grade: str | None = Field(description="Of the preferred solution; null where there is none that stands.")
@@ -322,6 +328,7 @@ class BurstReply(Reply):
             f_high_mhz=burst.f_high_mhz,
             observatories=list(burst.observatories),
             origin=burst.origin,
+            updated_utc=burst.updated_utc,
             retracted=RetractionReply.of(burst.retracted),
             solutions=[SolutionReply.of(solution) for solution in summary.solutions],
             links=burst_links(burst),

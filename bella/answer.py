@@ -5,6 +5,7 @@ so that every list, page, file and command says the same.
 """
 
 import math
+import statistics
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any, Literal, Protocol
 
@@ -64,6 +65,10 @@ class Position(Protocol):
         """Towards ecliptic north."""
 
     @property
+    def area68_rsun2(self) -> float:
+        """Area of the 68 % region."""
+
+    @property
     def flags(self) -> str:
         """Names of flags with semicolons between them."""
 
@@ -72,7 +77,9 @@ class Answer(Record):
     """The answer of one solution; a number that is not known, or not one number, is None.
 
     Longitudes are those of the spiral at 1 solar radius, degrees HEE, west of Earth positive; `low` and `high` are the
-    ends of the 68 % interval, and of the distances those of the nearest and the farthest source.
+    ends of the 68 % interval, of the distances those of the nearest and the farthest source, and of the latitudes (HEE)
+    those of the southernmost and the northernmost. Sources that were taken to be in the ecliptic have no latitude. The
+    area is the median of all frequencies.
     """
 
     tier: Tier = "final"
@@ -84,6 +91,9 @@ class Answer(Record):
     phi0_high_deg: float | None = None
     range_low_rsun: float | None = None
     range_high_rsun: float | None = None
+    latitude_low_deg: float | None = None
+    latitude_high_deg: float | None = None
+    area68_rsun2: float | None = None
     v_sw_km_s: float | None = None
     v_sw_low_km_s: float | None = None
     v_sw_high_km_s: float | None = None
@@ -114,7 +124,7 @@ def answer_of(track: Track | None, positions: Sequence[Position]) -> Answer:
     where = _where(joint, longitude, parts, flags)
     is_asked = bool(positions) or (joint is not None and bool(joint.profile))
     if "not_one_source" in flags:
-        distances, is_asked = None, False
+        distances, is_asked, positions = None, False, ()
     said = [where, _distance_words(distances) if is_asked else "", *_wind_words(joint, longitude, wind)]
     low, high = distances or (None, None)
     return Answer(
@@ -124,6 +134,7 @@ def answer_of(track: Track | None, positions: Sequence[Position]) -> Answer:
         has_track=joint is not None and (joint.phi0_deg.q50 is not None or bool(parts)),
         range_low_rsun=low,
         range_high_rsun=high,
+        **placed_numbers(positions),
         **_named("phi0", "deg", longitude),
         **_named("v_sw", "km_s", wind),
     )
@@ -274,10 +285,27 @@ def _distances(joint: JointTrack | None, positions: Iterable[Position]) -> tuple
     elif joint and joint.tier == "preliminary":
         found = []
     else:
-        usable = (one for one in positions if not UNUSABLE_POSITION_FLAGS & set(one.flags.split(";")))
-        found = [math.hypot(one.x_rsun, one.y_rsun, one.z_rsun) for one in usable]
+        found = [math.hypot(one.x_rsun, one.y_rsun, one.z_rsun) for one in positions if _is_usable(one)]
     known = [one for one in found if math.isfinite(one)]
     return (min(known), max(known)) if known else None
+
+
+def placed_numbers(positions: Iterable[Position]) -> dict[str, float | None]:
+    """Latitudes and area of an answer, from the positions that can be used."""
+    usable = [one for one in positions if _is_usable(one)]
+    off_plane = (one for one in usable if one.z_rsun != 0.0)
+    latitudes = [math.degrees(math.atan2(one.z_rsun, math.hypot(one.x_rsun, one.y_rsun))) for one in off_plane]
+    known = [one for one in latitudes if math.isfinite(one)]
+    areas = [one.area68_rsun2 for one in usable if math.isfinite(one.area68_rsun2)]
+    return {
+        "latitude_low_deg": min(known, default=None),
+        "latitude_high_deg": max(known, default=None),
+        "area68_rsun2": statistics.median(areas) if areas else None,
+    }
+
+
+def _is_usable(one: Position) -> bool:
+    return not UNUSABLE_POSITION_FLAGS & set(one.flags.split(";"))
 
 
 def _one_longitude(joint: JointTrack | None, flags: set[str]) -> tuple[float, float, float] | None:

@@ -1,6 +1,6 @@
 """Prefect around :mod:`bella.pipeline`: schedule, limits, retries and states; a flow calls the pipeline and returns.
 
-Nothing of Prefect is imported before :func:`bella.pipeline.environment.prepare` has told it where to live.
+Nothing of Prefect is imported before :func:`bella.pipeline.workers.prepare` has told it where to live.
 """
 
 import os

@@ -7,8 +7,7 @@ from bella.bursts.event import EVENT
 from bella.exceptions import NotPlacedError
 from bella.logs import log_to
 from bella.pipeline.burst import Choice, Outcome, summary_table
-from bella.pipeline.run import Run
-from bella.pipeline.submissions import process_submissions
+from bella.pipeline.run import Run, process_submissions
 from bella.pipeline.workers import Workers
 from bella.settings import Settings
 from flows.tasks import burst, run_name

@@ -11,9 +11,9 @@ from prefect.task_runners import TaskRunner, ThreadPoolTaskRunner
 
 from bella.logs import log_to
 from bella.pipeline.burst import Choice
+from bella.pipeline.day_files import BroughtFolder
 from bella.pipeline.outcome import DayOutcome, check_finished, summary_rows
 from bella.pipeline.run import Run, days_between, process_days
-from bella.pipeline.user import BroughtFolder
 from bella.pipeline.workers import Workers
 from bella.records import DayAnswer
 from bella.settings import Settings, read_settings

@@ -12,7 +12,7 @@ from typing import Any
 from bella.catalogue import Catalogue
 from bella.exceptions import BellaError, InputError
 from bella.logs import log_to
-from bella.pipeline.environment import prepare
+from bella.pipeline.workers import prepare
 from bella.settings import Settings, read_settings
 
 FIRST_RUN_AFTER = timedelta(seconds=10)

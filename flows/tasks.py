@@ -16,7 +16,7 @@ from prefect.tasks import Task
 from bella.exceptions import BellaError, UnreachableError
 from bella.pipeline.burst import BurstOutcome
 from bella.pipeline.day import KnownBurst
-from bella.pipeline.mirror import DayFiles, fetch_range
+from bella.pipeline.day_files import DayFiles, fetch_range
 from bella.pipeline.outcome import DayOutcome
 from bella.pipeline.run import RETRY_DELAYS_S, Pending, Run, process_day, process_subject
 from bella.settings import Settings

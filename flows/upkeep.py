@@ -9,7 +9,7 @@ from bella.bursts.event import EVENT
 from bella.catalogue import Catalogue
 from bella.exceptions import NoDataError
 from bella.logs import log_to
-from bella.pipeline.run import sweep_store
+from bella.pipeline.housekeeping import sweep_store
 from bella.settings import Settings
 from flows.bursts import localise_burst
 from flows.tasks import run_name

@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from bella.answer import Answer, answer_of, interval_68, read_track, wind_gap, written_68, written_wind
+from bella.answer import Answer, answer_of, interval_68, placed_numbers, read_track, wind_gap, written_68, written_wind
 from bella.flags import FLAGS, HARMLESS_FLAGS, SERIOUS_FLAGS, UNUSABLE_POSITION_FLAGS
 from bella.records import Interval, JointTrack, Moment, Parameter, SourceAt, Track
 
@@ -21,6 +21,7 @@ class Place:
     flags: str = ""
     y_rsun: float = 0.0
     z_rsun: float = 0.0
+    area68_rsun2: float = 7.0
 
 
 PLACES = (Place(91.0), Place(13.0), Place(40.0))
@@ -80,6 +81,7 @@ def test_answer_of_a_good_track_is_whole() -> None:
         phi0_high_deg=31.0,
         range_low_rsun=13.0,
         range_high_rsun=91.0,
+        area68_rsun2=7.0,
         v_sw_km_s=590.0,
         v_sw_low_km_s=450.0,
         v_sw_high_km_s=940.0,
@@ -178,6 +180,25 @@ def test_distances_are_those_of_positions_that_mean_something(flag: str) -> None
     assert (found.range_low_rsun, found.range_high_rsun) == (13.0, 91.0)
     in_space = answer_of(None, (Place(3.0, "", 4.0, 12.0),))
     assert in_space.sentence == "no track (none was fitted), 13 R_sun, grade D"
+
+
+def test_latitudes_and_area_are_those_of_positions_that_mean_something() -> None:
+    none = {"latitude_low_deg": None, "latitude_high_deg": None}
+    assert placed_numbers(()) == none | {"area68_rsun2": None}
+    assert placed_numbers(PLACES) == none | {"area68_rsun2": 7.0}
+    places = (
+        Place(3.0, "", 4.0, -5.0, 10.0),
+        Place(0.0, "speed_above_c", 5.0, 5.0 / 3**0.5, 30.0),
+        Place(4.0, "", -3.0, 1.0, 20.0),
+        Place(1.0, "multimodal", 0.0, 90.0, 9000.0),
+        Place(nan, "", nan, nan, nan),
+    )
+    found = placed_numbers(places)
+    assert found == pytest.approx({"latitude_low_deg": -45.0, "latitude_high_deg": 30.0, "area68_rsun2": 20.0})
+    said = answer_of(None, places)
+    assert (said.latitude_low_deg, said.area68_rsun2) == (found["latitude_low_deg"], 20.0)
+    nothing = answer_of(track(parameter(22.0, 26.0, 31.0), flags=("not_one_source",)), places)
+    assert (nothing.latitude_low_deg, nothing.area68_rsun2, nothing.range_low_rsun) == (None, None, None)
 
 
 OLDER = {

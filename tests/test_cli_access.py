@@ -13,7 +13,7 @@ from bella.cli import app
 from bella.exceptions import BellaError
 from bella.records import Origin
 from bella.settings import Settings
-from tests.api.published import published, settings_of, synthetic_burst
+from tests.api.published import publish_many, published, settings_of, synthetic_burst
 from tests.plotting.synthetic import BURST_ID
 
 Command = Callable[..., Result]
@@ -135,6 +135,35 @@ def test_bursts_of_other_grades_are_neither_listed_nor_counted(bella: Command, s
     assert bella("catalogue", "list", "--grade", grade).output.splitlines()[-1] == "1 of 1 bursts"
     assert bella("catalogue", "list", "--grade", others.lower()).output.splitlines()[-1] == "0 of 0 bursts"
     assert "give some of A, B, C, D" in str(fault_of(bella("catalogue", "list", "--grade", "AE")))
+
+
+def test_bursts_are_listed_by_what_is_said_of_them(bella: Command, settings: Settings) -> None:
+    with Catalogue.open(settings.catalogue_url) as catalogue:
+        said = published(settings, catalogue).answer
+        publish_many(settings, catalogue, 1)
+
+    def listed(*options: str) -> list[str]:
+        return [row["burst_id"] for row in json.loads(bella("catalogue", "list", "--json", *options).output)]
+
+    both = listed()
+    assert both == [*listed("--sort", "start")[::-1]]
+    assert len(both) == 2
+    numbers = {"longitude": said.phi0_deg, "wind": said.v_sw_km_s, "distance": 140.0}
+    numbers |= {"area": said.area68_rsun2, "frequency": 1.0}
+    for name, value in numbers.items():
+        assert value is not None
+        around = (f"--{name}-min", f"{value - 1}", f"--{name}-max", f"{value + 1}")
+        assert BURST_ID in listed(*around), name
+    assert listed("--longitude-min", f"{numbers['longitude'] + 1}", "--longitude-max", "-170") == []
+    assert listed("--wind-min", f"{numbers['wind'] + 1}") == []
+    assert listed("--area-max", f"{numbers['area'] - 1}") == []
+    assert listed("--distance-min", "200") == listed("--frequency-min", "3") == listed("--latitude-min", "1") == []
+    assert listed("--latitude-max", "1") == listed("--frequency-max", "0.1") == listed("--distance-max", "2") == []
+    assert listed("--flag", "multimodal") == listed("--updated-since", "2012-01-01", "--flag", "multimodal") != []
+    assert listed("--tier", "final", "--edge", "half_maximum", "--method", "posterior") == both
+    assert listed("--updated-since", "2999-01-01") == listed("--method", "nuts") == []
+    assert "--flag 'beauty': give one of" in str(fault_of(bella("catalogue", "list", "--flag", "beauty")))
+    assert "sort: 'beauty' is not known" in str(fault_of(bella("catalogue", "list", "--sort", "beauty")))
 
 
 def test_pruning_takes_the_draws_of_superseded_solutions_alone(bella: Command, settings: Settings) -> None:

@@ -8,7 +8,7 @@ from typing import Annotated, Any
 from fastapi import APIRouter, Query, Request, Response
 from fastapi.responses import PlainTextResponse
 
-from api.queries import FrequencyChoice, SolutionChoice, one_per_edge
+from api.queries import BurstSelection, FrequencyChoice, SolutionChoice, one_per_edge
 from api.queries import chosen as chosen_solution
 from api.schemas import (
     BurstReply,
@@ -27,6 +27,7 @@ from api.service import CatalogueHere, ServiceHere
 from api.tables import JSON, BurstTableFilter, TableChoice, asked_format, burst_table, localisation_table, table_reply
 from api.wording import APPARENT_SOURCE
 from bella.catalogue import Catalogue, Localisation, Solution
+from bella.exceptions import NoDataError
 from bella.formats import localisation_csv
 from bella.plotting import edge_name, selected_regions
 from bella.plotting.listing import significant
@@ -38,7 +39,7 @@ router = APIRouter(prefix="/api/v1", tags=["bursts"])
 def bursts(
     request: Request, response: Response, catalogue: CatalogueHere, wanted: Annotated[BurstTableFilter, Query()]
 ) -> BurstsReply | Response:
-    """Bursts in a time range, heard by given observatories, without given quality flags; as JSON or as a table."""
+    """Bursts by what is said of them, the newest first unless `sort` says otherwise; as JSON or as a table."""
     chosen, page = asked_format(request, wanted.format), catalogue.bursts(wanted.query())
     following = str(request.url.include_query_params(cursor=page.next_cursor)) if page.next_cursor else None
     if chosen is not JSON:
@@ -51,6 +52,15 @@ def bursts(
         truncated=following is not None,
         next=following,
     )
+
+
+@router.get("/bursts/latest")
+def latest_burst(catalogue: CatalogueHere, wanted: Annotated[BurstSelection, Query()]) -> BurstReply:
+    """The newest burst that a query finds, by its start: one address that always has the last answer."""
+    found = catalogue.bursts(replace(wanted.query(), sort="-start", limit=1)).bursts
+    if not found:
+        raise NoDataError("no burst is like that: ask for less, or see /api/v1/days for days without any")
+    return BurstReply.of(found[0])
 
 
 @router.get("/bursts/{burst_id}")

@@ -124,6 +124,7 @@ class _Position(NamedTuple):
     x_rsun: float
     y_rsun: float
     z_rsun: float
+    area68_rsun2: float
     flags: str
 
 
@@ -302,8 +303,10 @@ def _track(joint: JointTrack) -> Track:
 
 def _positions(posterior: xr.Dataset) -> list[_Position]:
     """Rows of the localisation table, in the ecliptic plane."""
-    columns = [posterior[name].to_numpy() for name in ("x_rsun", "y_rsun", "flags")]
-    return [_Position(float(x), float(y), 0.0, str(flags)) for x, y, flags in zip(*columns, strict=True)]
+    columns = [posterior[name].to_numpy() for name in ("x_rsun", "y_rsun", "area68_rsun2", "flags")]
+    return [
+        _Position(float(x), float(y), 0.0, float(area), str(said)) for x, y, area, said in zip(*columns, strict=True)
+    ]
 
 
 def _ends(grid: ArrivalGrid) -> FloatArray:

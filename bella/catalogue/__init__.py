@@ -10,6 +10,8 @@ from bella.catalogue.leases import Lease
 from bella.catalogue.observability import FleetMap, ObservedDay, ReceiverDay
 from bella.catalogue.operation import Freshness, Latency, MockRun, Operation, SolutionTimes, Work
 from bella.catalogue.records import (
+    BURST_SORTS,
+    RANGES,
     Burst,
     BurstPage,
     BurstQuery,
@@ -37,6 +39,8 @@ from bella.catalogue.submissions import ANONYMOUS, submission_name
 
 __all__ = [
     "ANONYMOUS",
+    "BURST_SORTS",
+    "RANGES",
     "UNSEARCHED",
     "Burst",
     "BurstPage",

@@ -23,7 +23,7 @@ from bella.catalogue.models import (
     table_of,
 )
 from bella.catalogue.records import Solution
-from bella.catalogue.solutions import preferred_solution
+from bella.catalogue.solutions import settle_answer
 from bella.exceptions import InputError
 from bella.flags import UNUSABLE_POSITION_FLAGS
 from bella.records import ANNOUNCED_ORIGINS, REAL_ORIGINS, Alert, AlertSource, AlertType, Origin
@@ -36,7 +36,7 @@ _TABLE, _BURSTS = table_of(AlertRow), table_of(BurstRow)
 
 
 def note_answer(connection: Connection, burst_id: str) -> None:
-    """Write an alert where the answer about a burst is not the one that was announced last.
+    """Settle the answer about a burst, and write an alert where it is not the one that was announced last.
 
     Parameters
     ----------
@@ -45,7 +45,7 @@ def note_answer(connection: Connection, burst_id: str) -> None:
     burst_id : str
     """
     last = _last(connection, burst_id)
-    answer = preferred_solution(connection, burst_id)
+    answer = settle_answer(connection, burst_id)
     was_answer = last is not None and last.retracted_reason is None
     if answer is None and not was_answer:
         return

@@ -24,7 +24,7 @@ from bella.catalogue import (
     tokens,
     webhooks,
 )
-from bella.catalogue.engine import connect, display_name, parse_url, reading
+from bella.catalogue.engine import connect, display_name, parse_url, reading, snapshot
 from bella.catalogue.operation import Operation
 from bella.catalogue.records import (
     BurstPage,
@@ -123,6 +123,10 @@ class Catalogue:
         """
         with reading(self._engine) as connection:
             connection.execute(text("SELECT count(*) FROM stage_run WHERE stage_run_id < 0"))
+
+    def snapshot(self) -> AbstractContextManager[None]:
+        """Let everything that is read in a block, and in this thread, come from one moment; others may write."""
+        return snapshot(self._engine)
 
     def revision(self) -> str:
         """Revision of the schema, such as "0001"."""

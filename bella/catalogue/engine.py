@@ -3,9 +3,10 @@
 import sqlite3
 from collections.abc import Iterator
 from contextlib import contextmanager
+from contextvars import ContextVar
 from typing import Any
 
-from sqlalchemy import URL, Connection, Engine, create_engine, event, make_url
+from sqlalchemy import URL, Connection, Engine, create_engine, event, make_url, text
 from sqlalchemy.exc import ArgumentError, DataError, DBAPIError, SQLAlchemyError
 
 from bella.exceptions import BellaError, BusyError, InputError, StoreError, UnreachableError
@@ -15,6 +16,7 @@ _CONNECT_TIMEOUT_S = 10
 _WRITES = "bella_writes"
 # SQLSTATE classes: serialisation failure and deadlock, lock not available, too many connections
 _TRY_AGAIN_STATES = ("40001", "40P01", "55P03", "53300")
+_snapshot: ContextVar[tuple[Engine, Connection] | None] = ContextVar("snapshot", default=None)
 
 
 def parse_url(database_url: str) -> URL:
@@ -85,19 +87,37 @@ def not_a_catalogue(url: URL) -> StoreError:
 
 @contextmanager
 def reading(engine: Engine) -> Iterator[Connection]:
-    """Transaction that sees one state of the catalogue.
+    """Transaction that sees one state of the catalogue; inside a `snapshot`, that of the snapshot.
 
     Raises
     ------
     BusyError, StoreError, UnreachableError
         See `translated`.
     """
+    pinned = _snapshot.get()
+    if pinned is not None and pinned[0] is engine:
+        with translated(engine.url):
+            yield pinned[1]
+        return
     with translated(engine.url), engine.connect() as bare:
         # a page and its total come from one moment; SQLite gives that to every transaction
         snapshot = {} if engine.dialect.name == "sqlite" else {"isolation_level": "REPEATABLE READ"}
         connection = bare.execution_options(**snapshot)
         with connection.begin():
             yield connection
+
+
+@contextmanager
+def snapshot(engine: Engine) -> Iterator[None]:
+    """Let everything that is read in this block, and in this thread, come from one moment."""
+    with reading(engine) as connection:
+        # a transaction begins with its first statement, not before
+        connection.execute(text("SELECT count(*) FROM stage_run WHERE stage_run_id < 0"))
+        token = _snapshot.set((engine, connection))
+        try:
+            yield
+        finally:
+            _snapshot.reset(token)
 
 
 @contextmanager

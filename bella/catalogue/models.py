@@ -147,7 +147,11 @@ class BurstRow(Base):
     """Bursts, by stable id."""
 
     __tablename__ = "burst"
-    __table_args__ = (Index("ix_burst_start_utc_burst_id", "start_utc", "burst_id"),)
+    __table_args__ = (
+        Index("ix_burst_start_utc_burst_id", "start_utc", "burst_id"),
+        Index("ix_burst_updated_utc_burst_id", "updated_utc", "burst_id"),
+        Index("ix_burst_answer_id", "answer_id"),
+    )
 
     burst_id: Mapped[str] = mapped_column(primary_key=True)
     start_utc: Mapped[datetime] = mapped_column(UtcTime)
@@ -158,6 +162,10 @@ class BurstRow(Base):
     origin: Mapped[str] = mapped_column(server_default="archive")
     retracted_utc: Mapped[datetime | None] = mapped_column(UtcTime)
     retracted_reason: Mapped[str | None]
+    updated_utc: Mapped[datetime] = mapped_column(UtcTime, server_default=text("'1970-01-01 00:00:00.000000'"))
+    """When what is said of the burst was changed last."""
+    answer_id: Mapped[str | None]
+    """Its preferred solution: kept here, where filters look, and settled whenever it may have changed."""
 
 
 class BurstObservatoryRow(Base):
@@ -181,6 +189,8 @@ class SolutionRow(Base):
         Unique("store_path"),
         CheckConstraint("version >= 1", name="version_from_one"),
         CheckConstraint("(version = 1) = (supersedes IS NULL)", name="later_version_supersedes"),
+        Index("ix_solution_created_utc_solution_id", "created_utc", "solution_id"),
+        Index("ix_solution_phi0_deg", "phi0_deg"),
     )
 
     solution_id: Mapped[str] = mapped_column(primary_key=True)
@@ -213,6 +223,9 @@ class SolutionRow(Base):
     retracted_reason: Mapped[str | None]
     pruned_utc: Mapped[datetime | None] = mapped_column(UtcTime)
     spectra_path: Mapped[str | None]
+    latitude_low_deg: Mapped[float | None] = mapped_column(Double)
+    latitude_high_deg: Mapped[float | None] = mapped_column(Double)
+    area68_rsun2: Mapped[float | None] = mapped_column(Double)
 
 
 class PreferenceRow(Base):

@@ -190,6 +190,7 @@ def _upsert_burst(connection: Connection, burst: Burst) -> None:
     values = _plain_row(asdict(burst))
     observatories = values.pop("observatories")
     values.pop("retracted")
+    values.pop("updated_utc")
     statement = dialect_insert(connection, table).values(values)
     changed: dict[str, Any] = {
         name: statement.excluded[name] for name in values if name not in {"burst_id", "spectra_path", "origin"}

@@ -1,47 +1,56 @@
-"""Browsing bursts by time, observatory and quality, page by page."""
+"""Browsing bursts by what is said of them, page by page."""
 
-import base64
-import binascii
-import json
+from collections.abc import Iterator
 from datetime import datetime
 from typing import Any
 
-from sqlalchemy import ColumnElement, Connection, Engine, and_, func, or_, select
+from sqlalchemy import ColumnElement, Connection, Engine, FromClause, func, or_, select
 
 from bella.catalogue.engine import reading
-from bella.catalogue.models import (
-    BurstObservatoryRow,
-    BurstRow,
-    PreferenceRow,
-    SolutionFlagRow,
-    SolutionRow,
-    as_utc,
-    table_of,
-)
+from bella.catalogue.models import BurstObservatoryRow, BurstRow, SolutionFlagRow, SolutionRow, table_of
+from bella.catalogue.paging import Key, after, cursor_after, mark_of, ordered_by, parse_cursor
 from bella.catalogue.preference import preferences
-from bella.catalogue.records import (
-    Burst,
-    BurstPage,
-    BurstQuery,
-    BurstSummary,
-    Solution,
-)
-from bella.catalogue.solutions import SERIES_COLUMNS, is_newest, retraction_of, solution_rows
+from bella.catalogue.records import BURST_SORTS, Burst, BurstPage, BurstQuery, BurstSummary, Solution
+from bella.catalogue.solutions import is_newest, retraction_of, solution_rows
 from bella.exceptions import InputError, NoDataError
 from bella.records import Origin
+from bella.units import within_half_turn_deg
 
 MAX_LIMIT = 1000
+HALF_TURN_DEG, TURN_DEG = 180.0, 360.0
+BURSTS, ANSWERS = table_of(BurstRow), table_of(SolutionRow).alias("answer")
+_LOW, _HIGH = 0, 1
+_NUMBERS: dict[str, tuple[ColumnElement[Any], ColumnElement[Any]]] = {
+    "frequency": (BURSTS.c.f_low_mhz, BURSTS.c.f_high_mhz),
+    "latitude": (ANSWERS.c.latitude_low_deg, ANSWERS.c.latitude_high_deg),
+    "distance": (ANSWERS.c.range_low_rsun, ANSWERS.c.range_high_rsun),
+    "wind": (ANSWERS.c.v_sw_km_s, ANSWERS.c.v_sw_km_s),
+    "area": (ANSWERS.c.area68_rsun2, ANSWERS.c.area68_rsun2),
+}
+"""Lowest and highest value of each number that a range may hold."""
+
+_ORDERS: dict[str, tuple[str, ColumnElement[Any], type]] = {
+    "start": ("start_utc", BURSTS.c.start_utc, datetime),
+    "updated": ("updated_utc", BURSTS.c.updated_utc, datetime),
+    "grade": ("sorted_by", ANSWERS.c.grade, str),
+    "longitude": ("sorted_by", ANSWERS.c.phi0_deg, float),
+    **{name: ("sorted_by", _NUMBERS[name][_LOW], float) for name in ("latitude", "distance", "wind", "area")},
+    "frequency": ("sorted_by", BURSTS.c.f_high_mhz, float),
+}
+
+
+_AS_STORED = ("burst_id", "start_utc", "end_utc", "f_low_mhz", "f_high_mhz", "spectra_path", "updated_utc")
 
 
 def bursts(engine: Engine, query: BurstQuery) -> BurstPage:
-    """One page of bursts by ascending onset.
+    """One page of bursts.
 
     Parameters
     ----------
     engine : sqlalchemy.Engine
         Engine of the catalogue.
     query : BurstQuery
-        Filters, the cursor of the page before, and the size of a page (1 to 1000).
+        Filters, the order, the cursor of the page before, and the size of a page (1 to 1000).
 
     Returns
     -------
@@ -51,20 +60,46 @@ def bursts(engine: Engine, query: BurstQuery) -> BurstPage:
     Raises
     ------
     InputError
-        Where the cursor or the limit is not valid.
+        Where the cursor, the order or the limit is not valid.
     """
     if not 1 <= query.limit <= MAX_LIMIT:
         raise InputError(f"limit is {query.limit}: give 1 to {MAX_LIMIT}")
-    table, wanted = table_of(BurstRow), _filters(query)
-    after = [_after(*parse_cursor(query.cursor))] if query.cursor is not None else []
-    page = select(table).where(*wanted, *after).order_by(table.c.start_utc, table.c.burst_id).limit(query.limit + 1)
+    order, wanted, mark = _order(query.sort), burst_filters(query), mark_of(query)
+    beyond = [after(order, parse_cursor(order, query.cursor, mark))] if query.cursor is not None else []
+    page = (
+        select(BURSTS, order[0].column.label("sorted_by"))
+        .select_from(with_answers())
+        .where(*wanted, *beyond)
+        .order_by(*ordered_by(order))
+        .limit(query.limit + 1)
+    )
     with reading(engine) as connection:
-        total = connection.execute(select(func.count()).select_from(table).where(*wanted)).scalar_one()
+        counted = select(func.count()).select_from(with_answers()).where(*wanted)
+        total = connection.execute(counted).scalar_one()
         rows = connection.execute(page).mappings().all()
         shown = rows[: query.limit]
         summaries = _summaries(connection, shown)
     more = len(rows) > query.limit
-    return BurstPage(summaries, cursor_after(shown[-1]["start_utc"], shown[-1]["burst_id"]) if more else None, total)
+    return BurstPage(summaries, cursor_after(order, dict(shown[-1]), mark) if more else None, total)
+
+
+def _order(sort: str) -> list[Key]:
+    name, descending = sort.removeprefix("-"), sort.startswith("-")
+    if name not in _ORDERS:
+        raise InputError(
+            f"sort: {sort[:40]!r} is not known; choose one of {', '.join(BURST_SORTS)}, or -start and so on"
+        )
+    key, column, kind = _ORDERS[name]
+    nullable = column.table is ANSWERS
+    return [
+        Key(key, column, kind, descending, nullable=nullable),
+        Key("burst_id", BURSTS.c.burst_id, str, descending),
+    ]
+
+
+def with_answers() -> FromClause:
+    """Bursts, each beside its preferred solution where it has one."""
+    return BURSTS.outerjoin(ANSWERS, ANSWERS.c.solution_id == BURSTS.c.answer_id)
 
 
 def burst(engine: Engine, burst_id: str) -> BurstSummary:
@@ -97,86 +132,70 @@ def versions(engine: Engine, burst_id: str) -> tuple[Solution, ...]:
         return solution_rows(connection, table_of(SolutionRow).c.burst_id == burst_id)
 
 
-def cursor_after(start_utc: datetime, burst_id: str) -> str:
-    """Opaque cursor of the page that begins after a burst.
-
-    Parameters
-    ----------
-    start_utc : datetime
-        Onset of the last burst shown.
-    burst_id : str
-        Its id.
-
-    Returns
-    -------
-    str
-        URL-safe text.
-    """
-    return base64.urlsafe_b64encode(json.dumps([as_utc(start_utc).isoformat(), burst_id]).encode()).decode().rstrip("=")
-
-
-def parse_cursor(cursor: str) -> tuple[datetime, str]:
-    """What `cursor_after` was given.
-
-    Raises
-    ------
-    InputError
-        Where the cursor is not one of ours.
-    """
-    try:
-        padded = cursor.encode("ascii") + b"=" * (-len(cursor) % 4)
-        start, burst_id = json.loads(base64.b64decode(padded, altchars=b"-_", validate=True))
-        return as_utc(datetime.fromisoformat(start)), str(burst_id).replace("\0", "")
-    except (binascii.Error, ValueError, TypeError, OverflowError, RecursionError) as error:
-        raise InputError(
-            "the cursor is not valid: take next_cursor of the page before, or none for the first"
-        ) from error
-
-
-def _after(start_utc: datetime, burst_id: str) -> ColumnElement[bool]:
-    """Keyset condition; its first part is implied by the second, but lets SQLite seek in the index."""
-    columns = table_of(BurstRow).c
-    later = and_(columns.start_utc == start_utc, columns.burst_id > burst_id)
-    return and_(columns.start_utc >= start_utc, or_(columns.start_utc > start_utc, later))
-
-
-def _filters(query: BurstQuery) -> list[ColumnElement[bool]]:
-    table, heard = table_of(BurstRow), table_of(BurstObservatoryRow)
-    conditions: list[ColumnElement[bool]] = [table.c.origin.in_(sorted(query.origins))]
+def burst_filters(query: BurstQuery) -> list[ColumnElement[bool]]:
+    """Conditions of a query on `with_answers`."""
+    heard = table_of(BurstObservatoryRow)
+    conditions: list[ColumnElement[bool]] = [BURSTS.c.origin.in_(sorted(query.origins))]
     if not query.with_retracted:
-        conditions.append(table.c.retracted_utc.is_(None))
+        conditions.append(BURSTS.c.retracted_utc.is_(None))
     if query.start is not None:
-        conditions.append(table.c.start_utc >= query.start)
+        conditions.append(BURSTS.c.start_utc >= query.start)
     if query.stop is not None:
-        conditions.append(table.c.start_utc < query.stop)
+        conditions.append(BURSTS.c.start_utc < query.stop)
+    if query.updated_since is not None:
+        conditions.append(BURSTS.c.updated_utc >= query.updated_since)
     for name in sorted(query.observatories):
-        by_this = select(heard.c.burst_id).where(heard.c.burst_id == table.c.burst_id, heard.c.observatory == name)
+        by_this = select(heard.c.burst_id).where(heard.c.burst_id == BURSTS.c.burst_id, heard.c.observatory == name)
         conditions.append(by_this.exists())
+    return [*conditions, *_of_answers(query), *_in_ranges(query)]
+
+
+def _of_answers(query: BurstQuery) -> Iterator[ColumnElement[bool]]:
+    flagged = table_of(SolutionFlagRow)
+    for column, names in (
+        (ANSWERS.c.grade, query.grades),
+        (ANSWERS.c.edge, query.edges),
+        (ANSWERS.c.method, query.methods),
+        (ANSWERS.c.preset, query.presets),
+    ):
+        if names:
+            yield column.in_(sorted(names))
+    if query.tier is not None:
+        yield ANSWERS.c.tier == query.tier
+    of_answer = select(flagged.c.flag).where(flagged.c.solution_id == BURSTS.c.answer_id).correlate(BURSTS)
+    for name in sorted(query.flags):
+        yield of_answer.where(flagged.c.flag == name).exists()
     if query.flags_absent:
-        flagged = table_of(SolutionFlagRow)
-        of_solution = flagged.c.solution_id == table_of(SolutionRow).c.solution_id
-        has_flag = select(flagged.c.flag).where(of_solution, flagged.c.flag.in_(sorted(query.flags_absent))).exists()
-        conditions.append(~_preferred_is(has_flag))
-    if query.grades:
-        conditions.append(_preferred_is(table_of(SolutionRow).c.grade.in_(sorted(query.grades))))
-    return conditions
+        yield ~of_answer.where(flagged.c.flag.in_(sorted(query.flags_absent))).exists()
 
 
-def _preferred_is(condition: ColumnElement[bool]) -> ColumnElement[bool]:
-    """Condition that a burst has a preferred solution for which `condition` holds."""
-    solutions, preference = table_of(SolutionRow), table_of(PreferenceRow)
-    same = [solutions.c[name] == preference.c[name] for name in ("burst_id", *SERIES_COLUMNS)]
-    such = (
-        select(solutions.c.solution_id)
-        .join(preference, and_(*same))
-        .where(solutions.c.burst_id == table_of(BurstRow).c.burst_id, is_newest(solutions))
-        .where(condition)
-    )
-    return such.correlate(table_of(BurstRow)).exists()
+def _in_ranges(query: BurstQuery) -> Iterator[ColumnElement[bool]]:
+    for name, (low, high) in _NUMBERS.items():
+        least, most = getattr(query, f"{name}_min"), getattr(query, f"{name}_max")
+        if least is not None:
+            yield high >= least
+        if most is not None:
+            yield low <= most
+    yield from _longitudes(query.longitude_min, query.longitude_max)
+
+
+def _longitudes(first: float | None, last: float | None) -> Iterator[ColumnElement[bool]]:
+    """Longitudes from the first westward to the last, of numbers that are stored from -180 to 180."""
+    if first is None and last is None:
+        return
+    first, last = (-HALF_TURN_DEG if first is None else first), (HALF_TURN_DEG if last is None else last)
+    column = ANSWERS.c.phi0_deg
+    if last - first >= TURN_DEG:
+        yield column.is_not(None)
+        return
+    first, last = (one if abs(one) <= HALF_TURN_DEG else float(within_half_turn_deg(one)) for one in (first, last))
+    yield (column >= first) & (column <= last) if first <= last else or_(column >= first, column <= last)
 
 
 def _summaries(connection: Connection, rows: Any) -> tuple[BurstSummary, ...]:
     """Bursts of a page with observatories and newest solutions, in a few queries however long it is."""
+    if not rows:
+        return ()
     heard, solutions = table_of(BurstObservatoryRow), table_of(SolutionRow)
     ids = [row["burst_id"] for row in rows]
     by_position = select(heard).where(heard.c.burst_id.in_(ids)).order_by(heard.c.position)
@@ -196,5 +215,5 @@ def _summaries(connection: Connection, rows: Any) -> tuple[BurstSummary, ...]:
 
 def _burst(row: Any, observatories: list[str]) -> Burst:
     retracted = retraction_of(row["retracted_utc"], row["retracted_reason"])
-    known = {name: row[name] for name in row if name not in {"origin", "retracted_utc", "retracted_reason"}}
+    known = {name: row[name] for name in _AS_STORED}
     return Burst(**known, observatories=tuple(observatories), origin=Origin(row["origin"]), retracted=retracted)

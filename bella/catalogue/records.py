@@ -43,7 +43,8 @@ class Retraction:
 class Burst:
     """One Type III burst: when, between which frequencies (MHz), who detected it, and where its data come from.
 
-    `retracted` is set by a person alone: what is published with it is ignored.
+    `retracted` is set by a person alone, and `updated_utc` (when what is said of it was changed last) by the catalogue:
+    what is published with them is ignored.
     """
 
     burst_id: str
@@ -55,6 +56,7 @@ class Burst:
     spectra_path: str | None = None
     origin: Origin = Origin.ARCHIVE
     retracted: Retraction | None = None
+    updated_utc: datetime | None = field(default=None, compare=False)
 
 
 @dataclass(frozen=True)
@@ -238,20 +240,58 @@ class Publication:
     sources: tuple[SourceFile, ...]
 
 
+RANGES = {
+    "frequency": "MHz",
+    "longitude": "degrees HEE, west positive",
+    "latitude": "degrees HEE, north positive",
+    "distance": "solar radii",
+    "wind": "km/s",
+    "area": "square solar radii",
+}
+"""What bursts can be asked for by a range, `..._min` to `..._max`, and its unit."""
+
+BURST_SORTS = ("start", "updated", "grade", "longitude", "latitude", "distance", "wind", "area", "frequency")
+"""What bursts can be ordered by; with a minus sign in front, from the last or largest on."""
+
+
 @dataclass(frozen=True)
 class BurstQuery:
-    """Which bursts, and which page of them.
+    """Which bursts, in which order, and which page of them.
 
-    The onset is in [start, stop), all of `observatories` detected it, the preferred solution has none of `flags_absent`
-    and one of `grades` (all bursts where this is empty), the data are of one of `origins`, and it was not retracted
-    unless `with_retracted`.
+    The onset is in [start, stop), all of `observatories` detected it, what is said of it was changed at `updated_since`
+    or later, the data are of one of `origins`, and it was not retracted unless `with_retracted`. All else is asked of
+    the preferred solution: it has all of `flags` and none of `flags_absent`, one of `grades`, `edges`, `methods` and
+    `presets` (any where these are empty), and the tier.
+
+    Bounds belong to their ranges. The band of the burst, its distances and latitudes reach into theirs, median
+    longitude, wind and area lie in theirs; what has no such number is in no range of it. Longitudes (HEE, degrees)
+    run westward from `longitude_min` to `longitude_max`, across 180 where the second is smaller.
     """
 
     start: datetime | None = None
     stop: datetime | None = None
     observatories: frozenset[str] = field(default_factory=frozenset)
+    flags: frozenset[str] = field(default_factory=frozenset)
     flags_absent: frozenset[str] = field(default_factory=frozenset)
     grades: frozenset[str] = field(default_factory=frozenset)
+    edges: frozenset[str] = field(default_factory=frozenset)
+    methods: frozenset[str] = field(default_factory=frozenset)
+    presets: frozenset[str] = field(default_factory=frozenset)
+    tier: str | None = None
+    updated_since: datetime | None = None
+    frequency_min: float | None = None
+    frequency_max: float | None = None
+    longitude_min: float | None = None
+    longitude_max: float | None = None
+    latitude_min: float | None = None
+    latitude_max: float | None = None
+    distance_min: float | None = None
+    distance_max: float | None = None
+    wind_min: float | None = None
+    wind_max: float | None = None
+    area_min: float | None = None
+    area_max: float | None = None
+    sort: str = "start"
     cursor: str | None = None
     limit: int = 100
     origins: frozenset[Origin] = frozenset(REAL_ORIGINS)
@@ -274,7 +314,7 @@ class BurstSummary:
 
 @dataclass(frozen=True)
 class BurstPage:
-    """One page of bursts by onset; `next_cursor` is None on the last, `total` counts all pages."""
+    """One page of bursts; `next_cursor` is None on the last, `total` counts all pages."""
 
     bursts: tuple[BurstSummary, ...]
     next_cursor: str | None

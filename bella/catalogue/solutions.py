@@ -1,10 +1,10 @@
 """Reading solutions and what belongs to them."""
 
 from collections.abc import Iterable
-from datetime import datetime
+from datetime import UTC, datetime
 from typing import Any
 
-from sqlalchemy import ColumnElement, Connection, Engine, Select, and_, select
+from sqlalchemy import ColumnElement, Connection, Engine, Select, and_, false, func, select, update
 
 from bella.answer import Answer, read_track
 from bella.catalogue.engine import reading
@@ -53,11 +53,8 @@ def solution_rows(connection: Connection, *conditions: ColumnElement[bool]) -> t
     tuple of Solution
         Preferred series first, newer versions first.
     """
-    table, flagged = table_of(SolutionRow), table_of(SolutionFlagRow)
-    preference, bursts = table_of(PreferenceRow), table_of(BurstRow)
-    same = [preference.c[name] == table.c[name] for name in ("burst_id", *SERIES_COLUMNS)]
-    stands = table.c.retracted_utc.is_(None) & bursts.c.retracted_utc.is_(None)
-    is_preferred = select(preference.c.burst_id).where(and_(*same)).exists() & is_newest(table) & stands
+    table, flagged, bursts = table_of(SolutionRow), table_of(SolutionFlagRow), table_of(BurstRow)
+    is_preferred = func.coalesce(bursts.c.answer_id == table.c.solution_id, false())
     of_burst = [bursts.c[name].label(f"burst_{name}") for name in ("origin", "retracted_utc", "retracted_reason")]
     wanted = select(table, is_preferred.label("preferred"), *of_burst)
     rows = connection.execute(wanted.join(bursts, bursts.c.burst_id == table.c.burst_id).where(*conditions))
@@ -96,11 +93,36 @@ def newest(connection: Connection, burst_id: str, series: Series) -> Solution | 
     return found[0] if found else None
 
 
-def preferred_solution(connection: Connection, burst_id: str) -> Solution | None:
-    """The answer about a burst; None where it has none, or none that stands."""
-    table = table_of(SolutionRow)
-    found = solution_rows(connection, table.c.burst_id == burst_id, is_newest(table))
-    return next((one for one in found if one.preferred), None)
+def settle_answer(connection: Connection, burst_id: str) -> Solution | None:
+    """Note which solution is the answer about a burst, after anything that may have changed it.
+
+    It is the newest version of the preferred series, where neither that nor the burst was retracted.
+
+    Parameters
+    ----------
+    connection : sqlalchemy.Connection
+        In the transaction that may have changed it; it holds the row of the burst.
+    burst_id : str
+
+    Returns
+    -------
+    Solution or None
+        None where it has none.
+    """
+    table, preference, bursts = table_of(SolutionRow), table_of(PreferenceRow), table_of(BurstRow)
+    own = bursts.c.burst_id == burst_id
+    same = [preference.c[name] == table.c[name] for name in ("burst_id", *SERIES_COLUMNS)]
+    wanted = (
+        select(table.c.solution_id)
+        .join(preference, and_(*same))
+        .join(bursts, bursts.c.burst_id == table.c.burst_id)
+        .where(own, is_newest(table), table.c.retracted_utc.is_(None), bursts.c.retracted_utc.is_(None))
+    )
+    answer_id = connection.execute(wanted).scalar_one_or_none()
+    connection.execute(update(bursts).where(own).values(answer_id=answer_id, updated_utc=datetime.now(UTC)))
+    if answer_id is None:
+        return None
+    return solution_rows(connection, table.c.solution_id == answer_id)[0]
 
 
 def solution(engine: Engine, solution_id: str) -> Solution:

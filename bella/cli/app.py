@@ -10,7 +10,20 @@ import typer
 from typer.core import TyperCommand, TyperGroup
 
 from bella import __version__
-from bella.cli import access, calibrate, catalogue, ephemeris, fetch, localise, run, serve, spectra, track, upkeep
+from bella.cli import (
+    access,
+    calibrate,
+    catalogue,
+    ephemeris,
+    fetch,
+    localise,
+    release,
+    run,
+    serve,
+    spectra,
+    track,
+    upkeep,
+)
 from bella.cli.output import be_quiet
 from bella.exceptions import BellaError
 from bella.logs import log_nothing
@@ -104,6 +117,7 @@ for name, function, epilog in (
 
 for name, group in (
     ("catalogue", catalogue.catalogue_app),
+    ("release", release.release_app),
     ("store", upkeep.store_app),
     ("token", access.token_app),
     ("webhook", access.webhook_app),

@@ -1,6 +1,7 @@
 """The commands ``bella catalogue list``, ``show``, ``prefer``, ``retract``, and tables that ``bella run`` prints."""
 
 import json
+from collections.abc import Collection
 from contextlib import closing
 from dataclasses import asdict
 from datetime import UTC, datetime, time, timedelta
@@ -12,7 +13,7 @@ from bella.cli.localise import position_table
 from bella.cli.options import AsJson, Home, day_option, open_catalogue, settings_of
 from bella.cli.output import answer, new_table, print_json, say, show
 from bella.exceptions import InputError
-from bella.flags import APPARENT_SOURCE
+from bella.flags import APPARENT_SOURCE, FLAGS
 from bella.records import REAL_ORIGINS
 
 if TYPE_CHECKING:
@@ -27,6 +28,7 @@ OriginOption = Annotated[
         help="archive, event, submission, user, simulated, test, or all.", show_default="all but simulated and test"
     ),
 ]
+METHODS = ("posterior", "nuts", "tdoa")
 BurstId = Annotated[str, typer.Argument(help="Such as T3-20120607-1929; bella catalogue list names them.")]
 
 catalogue_app = typer.Typer(help="Look into the catalogue of bursts, and choose their answers.", no_args_is_help=True)
@@ -41,24 +43,70 @@ def list_bursts(  # noqa: PLR0913, PLR0917 - one argument per option
         list[str] | None, typer.Option(help="Spacecraft that detected it; may be given again: all of them.")
     ] = None,
     grade: Annotated[str | None, typer.Option(help="Grades of the answer, such as AB.", show_default="all")] = None,
+    tier: Annotated[str | None, typer.Option(help="final or preliminary.", show_default="both")] = None,
+    flag: Annotated[list[str] | None, typer.Option(help="Flag that the answer has; may be given again.")] = None,
     without_flag: Annotated[
         list[str] | None, typer.Option(help="Flag that the answer does not have; may be given again.")
     ] = None,
+    edge: Annotated[list[str] | None, typer.Option(help="Edge that it may come from; may be given again.")] = None,
+    method: Annotated[list[str] | None, typer.Option(help="Method that it may come from; may be given again.")] = None,
+    frequency_min: Annotated[float | None, typer.Option(help="The band reaches it or higher, MHz.")] = None,
+    frequency_max: Annotated[float | None, typer.Option(help="The band reaches it or lower, MHz.")] = None,
+    longitude_min: Annotated[
+        float | None, typer.Option(help="From this longitude (HEE degrees, west positive) westward ...")
+    ] = None,
+    longitude_max: Annotated[
+        float | None, typer.Option(help="... to this one, across 180 where it is smaller.")
+    ] = None,
+    latitude_min: Annotated[float | None, typer.Option(help="Sources reach it or farther north, HEE degrees.")] = None,
+    latitude_max: Annotated[float | None, typer.Option(help="Sources reach it or farther south, HEE degrees.")] = None,
+    distance_min: Annotated[float | None, typer.Option(help="Sources reach it or farther, solar radii.")] = None,
+    distance_max: Annotated[float | None, typer.Option(help="Sources reach it or nearer, solar radii.")] = None,
+    wind_min: Annotated[float | None, typer.Option(help="Speed of the wind at least, km/s.")] = None,
+    wind_max: Annotated[float | None, typer.Option(help="Speed of the wind at most, km/s.")] = None,
+    area_min: Annotated[
+        float | None, typer.Option(help="Area of the 68 % region at least, solar radii squared.")
+    ] = None,
+    area_max: Annotated[
+        float | None, typer.Option(help="Area of the 68 % region at most, solar radii squared.")
+    ] = None,
+    updated_since: Annotated[str | None, typer.Option(help="Changed on this day or later, UTC.")] = None,
     origin: OriginOption = None,
     retracted: Annotated[bool, typer.Option("--retracted", help="With those that were retracted.")] = False,
+    sort: Annotated[
+        str, typer.Option(help="start, updated, grade, longitude, wind ...; after a minus sign the other way round.")
+    ] = "-start",
     limit: Annotated[int, typer.Option(help="Largest number of bursts, 1 to 1000.")] = 50,
     as_json: AsJson = False,
 ) -> None:
-    """List the bursts with their answers, earliest first."""
+    """List the bursts with their answers, newest first."""
     from bella.catalogue import BurstQuery
     from bella.spacecraft.names import observatory_name
 
     query = BurstQuery(
         start=None if first is None else _midnight(first, "--from"),
         stop=None if last is None else _midnight(last, "--to") + timedelta(days=1),
+        updated_since=None if updated_since is None else _midnight(updated_since, "--updated-since"),
         observatories=frozenset(map(observatory_name, observatory or ())),
-        flags_absent=frozenset(without_flag or ()),
+        flags=_known(flag, "--flag", FLAGS),
+        flags_absent=_known(without_flag, "--without-flag", FLAGS),
         grades=_grades(grade),
+        tier=next(iter(_known([tier] if tier else None, "--tier", ("final", "preliminary"))), None),
+        edges=frozenset(edge or ()),
+        methods=_known(method, "--method", METHODS),
+        frequency_min=frequency_min,
+        frequency_max=frequency_max,
+        longitude_min=longitude_min,
+        longitude_max=longitude_max,
+        latitude_min=latitude_min,
+        latitude_max=latitude_max,
+        distance_min=distance_min,
+        distance_max=distance_max,
+        wind_min=wind_min,
+        wind_max=wind_max,
+        area_min=area_min,
+        area_max=area_max,
+        sort=sort,
         limit=limit,
         origins=frozenset(origins_of(origin)),
         with_retracted=retracted,
@@ -79,6 +127,13 @@ def list_bursts(  # noqa: PLR0913, PLR0917 - one argument per option
 
 def _midnight(text: str, option: str) -> datetime:
     return datetime.combine(day_option(text, option), time(), UTC)
+
+
+def _known(names: list[str] | None, option: str, known: Collection[str]) -> frozenset[str]:
+    """Names that are given, all of them known."""
+    if strange := sorted(set(names or ()) - set(known)):
+        raise InputError(f"{option} {strange[0]!r}: give one of {', '.join(known)}")
+    return frozenset(names or ())
 
 
 def _grades(text: str | None) -> frozenset[str]:

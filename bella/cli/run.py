@@ -22,8 +22,8 @@ if TYPE_CHECKING:
     from rich.table import Table
 
     from bella.pipeline.burst import Choice, Outcome
+    from bella.pipeline.day_files import BroughtFolder
     from bella.pipeline.outcome import DayOutcome
-    from bella.pipeline.user import BroughtFolder
     from bella.settings import Settings
 
 EPILOG = "Example: bella run --from 2020-07-21 --to 2020-07-22 --archive mirror --workers 2"
@@ -114,8 +114,8 @@ def run(  # noqa: PLR0913, PLR0917 - one argument per option
 def _pipeline(settings: "Settings", asked: Asked, event: str | None = None) -> "Iterator[Progress]":
     """What a run needs around it: folders, a log, its progress on the screen; bad choices are refused first."""
     from bella.multilateration import check_choices
-    from bella.pipeline.environment import prepare
     from bella.pipeline.inputs import check_subject
+    from bella.pipeline.workers import prepare
 
     check_choices(asked.preset, asked.method)
     if event is not None:
@@ -129,7 +129,7 @@ def _pipeline(settings: "Settings", asked: Asked, event: str | None = None) -> "
 def _run_folder(
     folder: Path, days: "tuple[date | None, date | None]", settings: "Settings", asked: Asked, bar: "Progress"
 ) -> None:
-    from bella.pipeline.user import BroughtFolder
+    from bella.pipeline.day_files import BroughtFolder
 
     brought = BroughtFolder(folder, settings)
     wanted = brought.days(*days)

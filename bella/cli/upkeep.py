@@ -22,7 +22,7 @@ def prune(
     as_json: AsJson = False,
 ) -> None:
     """Remove the draws of superseded solutions; arrival times, positions, tracks and seeds stay."""
-    from bella.pipeline.pruning import prune as remove_draws
+    from bella.pipeline.housekeeping import prune as remove_draws
 
     found = remove_draws(settings_of(home), _duration(older_than), dry_run=dry_run)
     if as_json:
@@ -52,7 +52,7 @@ def store() -> None:
 @store_app.command(epilog="Example: bella store verify")
 def verify(home: Home = None, as_json: AsJson = False) -> None:
     """Read every group that the catalogue refers to and compare it with its checksum; exit 1 names what is damaged."""
-    from bella.pipeline.verify import damage_of
+    from bella.pipeline.housekeeping import damage_of
 
     settings = settings_of(home)
     with closing(open_catalogue(settings)) as catalogue:

@@ -65,7 +65,7 @@ class Client:
         Returns
         -------
         astropy.table.QTable
-            All pages; no row where there is no such burst.
+            All pages, by onset unless `sort` says otherwise; no row where there is no such burst.
 
         Raises
         ------
@@ -133,7 +133,7 @@ class Client:
         return posterior
 
     def _pages(self, path: str, start: Instant | None, stop: Instant | None, filters: dict[str, Any]) -> QTable:
-        query = {"limit": PAGE_ROWS, **filters, "start": _utc(start), "stop": _utc(stop)}
+        query = {"limit": PAGE_ROWS, "sort": "start", **filters, "start": _utc(start), "stop": _utc(stop)}
         pages = [self._table(path, query)]
         while "next" in pages[-1].meta:
             cursor = str(pages[-1].meta["next"]).partition("cursor=")[2].partition("&")[0]

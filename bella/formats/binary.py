@@ -2,6 +2,7 @@
 
 import io
 import tempfile
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -10,7 +11,7 @@ import xarray as xr
 from astropy.time import Time
 
 from bella.exceptions import InputError, require_extra
-from bella.formats.columns import Column
+from bella.formats.columns import Column, Schema
 from bella.formats.record_table import RecordTable, Values, distinct_times
 from bella.units import DAY_S
 
@@ -58,8 +59,25 @@ def parquet(table: RecordTable) -> bytes:
         If the package pyarrow is not installed.
     """
     require_extra("pyarrow")
+    import pyarrow.parquet as pq  # noqa: PLC0415 - heavy, and optional
+
+    raw = io.BytesIO()
+    pq.write_table(arrow_table(table), raw, compression=PARQUET_CODEC)
+    return raw.getvalue()
+
+
+def arrow_table(table: RecordTable) -> Any:
+    """Table of pyarrow, as Parquet has it."""
     import pyarrow as pa  # noqa: PLC0415 - heavy, and optional
-    import pyarrow.parquet as pq  # noqa: PLC0415
+
+    schema = arrow_schema(table.schema, table.header)
+    arrays = [pa.array(table.data[one.name], schema.field(one.name).type) for one in table.schema.columns]
+    return pa.Table.from_arrays(arrays, schema=schema)
+
+
+def arrow_schema(schema: Schema, header: Mapping[str, str]) -> Any:
+    """Schema of pyarrow with units, UCDs and descriptions of the columns, and the header of the table."""
+    import pyarrow as pa  # noqa: PLC0415 - heavy, and optional
 
     kinds = {
         "time": pa.timestamp("us", tz="UTC"),
@@ -70,14 +88,29 @@ def parquet(table: RecordTable) -> bytes:
     }
     fields = [
         pa.field(one.name, kinds[one.kind], metadata={"unit": one.unit, "ucd": one.ucd, "description": one.description})
-        for one in table.schema.columns
+        for one in schema.columns
     ]
-    arrays = [pa.array(table.data[one.name], kinds[one.kind]) for one in table.schema.columns]
-    described = {"title": table.schema.title, **table.header}
-    made = pa.Table.from_arrays(arrays, schema=pa.schema(fields, metadata=described))
-    raw = io.BytesIO()
-    pq.write_table(made, raw, compression=PARQUET_CODEC)
-    return raw.getvalue()
+    return pa.schema(fields, metadata={"title": schema.title, **header})
+
+
+def from_arrow(schema: Schema, table: Any) -> RecordTable:
+    """What `arrow_table` was given.
+
+    Raises
+    ------
+    InputError
+        If it has other columns.
+    """
+    if tuple(table.column_names) != schema.names:
+        raise InputError(
+            f"{schema.name}: the columns are {', '.join(table.column_names)[:80]}, not those of this version"
+        )
+    columns: dict[str, Values] = {}
+    for one in schema.columns:
+        values = table.column(one.name)
+        found = np.array(values.to_pylist(), dtype=np.str_) if one.kind == "text" else values.to_numpy()
+        columns[one.name] = found.astype("datetime64[us]") if one.kind == "time" else found
+    return RecordTable(schema, columns, {})
 
 
 def istp_cdf(table: RecordTable) -> bytes:

@@ -125,6 +125,9 @@ BURSTS = Schema(
         *_PHI0,
         _float("range_low_rsun", "solRad", "pos.distance;stat.min", "Distance of the nearest source from the Sun."),
         _float("range_high_rsun", "solRad", "pos.distance;stat.max", "Distance of the farthest source from the Sun."),
+        _float("latitude_low_deg", "deg", "pos.bodyrc.lat;stat.min", "HEE latitude of the southernmost source."),
+        _float("latitude_high_deg", "deg", "pos.bodyrc.lat;stat.max", "HEE latitude of the northernmost source."),
+        _float("area68_rsun2", "solRad2", "phys.area", "Area of the 68 % region, median of all frequencies."),
         *_WIND,
         _text("flags", "meta.code.qual", "Quality flags of the preferred solution, separated by semicolons."),
         *_SERIES,
@@ -133,6 +136,7 @@ BURSTS = Schema(
         _time("created_utc", "time.creation", "When the solution was published."),
         _text("code_version", "meta.version;meta.software", "Version of the code that made the solution."),
         _text("sentence", "meta.note", "The answer in plain words."),
+        _time("updated_utc", "time.creation", "When what is said of the burst was changed last."),
         ORIGIN,
         _text("retracted", "meta.note", "Why the burst was retracted; empty where it stands."),
     ),
@@ -248,7 +252,30 @@ ARRIVALS = Schema(
     ),
 )
 
-SCHEMAS = {schema.name: schema for schema in (BURSTS, LOCALISATIONS, TRACKS, DETECTIONS, ARRIVALS)}
+DAYS = Schema(
+    "days",
+    "What was searched, and the answer about each day",
+    "day_utc",
+    (
+        _time("day_utc", "time.start", "Midnight at which the day begins."),
+        ORIGIN,
+        _text(
+            "answer",
+            "meta.code.class",
+            "no data, archive silent, not searchable, no burst, not localisable, localised.",
+        ),
+        _text("reason", "meta.note", "Why, where it could not be searched, or not in all data sets."),
+        _text("observatories", "meta.id;instr.obsty", "Spacecraft that were searched, separated by blanks."),
+        Column("detections", "int", "", "meta.number", "Detections, those of one spacecraft alone too."),
+        Column("rejected", "int", "", "meta.number", "Detections that were rejected."),
+        Column("bursts", "int", "", "meta.number", "Bursts, seen by one spacecraft or more."),
+        Column("shared", "int", "", "meta.number", "Bursts that two spacecraft or more received."),
+        Column("localised", "int", "", "meta.number", "Bursts with a position."),
+        _text("code_version", "meta.version;meta.software", "Version of the code that searched it."),
+    ),
+)
+
+SCHEMAS = {schema.name: schema for schema in (BURSTS, LOCALISATIONS, TRACKS, DETECTIONS, ARRIVALS, DAYS)}
 """Published tables by name."""
 
 SOLUTION_COLUMNS = tuple(column.name for column in _LOCALISATION)

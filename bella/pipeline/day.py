@@ -35,9 +35,9 @@ from bella.bursts.timing import (
 from bella.catalogue import Burst, BurstQuery, Catalogue, Detection
 from bella.exceptions import BellaError, InputError, NoDataError
 from bella.flags import CATALOGUED, LOCALISABLE
-from bella.pipeline.directions import burst_directions
+from bella.pipeline.day_files import DayFiles, check_content
 from bella.pipeline.inputs import BurstInput, aware, collapsed_of, origin_of
-from bella.pipeline.mirror import DayFiles, check_content
+from bella.pipeline.tracks import burst_directions
 from bella.records import Origin, burst_name, is_named_for
 from bella.spacecraft import position_hee
 from bella.spectra import UserFolder, by_observatory_of_what_fits, open_spectra, receiver_position

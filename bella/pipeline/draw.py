@@ -19,8 +19,8 @@ from bella.bursts.timing import SHARED
 from bella.catalogue import Detection, Solution
 from bella.exceptions import BellaError, StoreError
 from bella.pipeline.day import day_spectra
+from bella.pipeline.day_files import DayFiles
 from bella.pipeline.inputs import BurstInput, origin_of
-from bella.pipeline.mirror import DayFiles
 from bella.pipeline.progress import counter
 from bella.pipeline.surroundings import Surroundings, draw_wind, has_wind
 from bella.plotting import (

@@ -19,7 +19,7 @@ import structlog
 from bella.archive import COMPANIONS, DATASETS, UNANSWERED, Archive, Dataset, DayInMirror, open_archive, unanswered
 from bella.catalogue import Catalogue, Freshness
 from bella.exceptions import BellaError, NoDataError, UnreachableError
-from bella.pipeline.mirror import remember_answers
+from bella.pipeline.day_files import remember_answers
 from bella.settings import Settings
 from bella.spacecraft.horizons import HORIZONS_IDS, fetch_orbit
 from bella.spacecraft.update import Extended, extend_table

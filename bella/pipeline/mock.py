@@ -22,8 +22,8 @@ from bella.catalogue import Catalogue, MockRun, SourceFile
 from bella.exceptions import BellaError, NotPlacedError
 from bella.pipeline.burst import Choice, process_burst
 from bella.pipeline.day import search_day
+from bella.pipeline.day_files import DayFiles
 from bella.pipeline.inputs import BurstInput
-from bella.pipeline.mirror import DayFiles
 from bella.records import Origin
 from bella.settings import Settings
 from bella.simulation.strata import SimulatedCase, isolated_burst

@@ -21,7 +21,7 @@ from bella.formats import localisation_records
 from bella.multilateration import PRESETS
 from bella.pipeline.tracks import TRACK_RECIPE, Timing
 from bella.settings import Settings
-from bella.store import content_sha256, place_group, stage_group, verify_group
+from bella.store import content_sha256, place_group, rounded_draws, stage_group, verify_group
 
 
 def inputs_hash(timing: Timing, sources: tuple[SourceFile, ...], series: Series, settings: Settings) -> str:
@@ -156,7 +156,7 @@ def publish(draft: Draft, catalogue: Catalogue, settings: Settings, lease: Lease
     """
     series, posterior = draft.series, draft.posterior
     name = f"{draft.burst.burst_id}/{series.edge}-{series.method}-{series.preset}-{series.dimensions}d"
-    store_path, sha256 = store_group(posterior, settings, name)
+    store_path, sha256 = store_group(rounded_draws(posterior), settings, name)
     paths = [path for path in (store_path, draft.burst.spectra_path) if path is not None]
 
     def _check() -> None:

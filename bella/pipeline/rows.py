@@ -7,7 +7,7 @@ import numpy as np
 import xarray as xr
 
 from bella.answer import read_track
-from bella.catalogue import BurstQuery, BurstSummary, Catalogue, Solution
+from bella.catalogue import BurstQuery, BurstSummary, Catalogue, DaySummary, Solution
 from bella.exceptions import InputError
 from bella.formats import track_numbers
 
@@ -99,6 +99,14 @@ def arrival_rows(solution: Solution, posterior: xr.Dataset, observatory: str | N
             if observatory in {None, name}
         ]
     return rows
+
+
+def day_row(day: DaySummary) -> Row:
+    """Row of a searched day in the table of days."""
+    searched, counts = asdict(day.searched), asdict(day)
+    del counts["searched"]
+    words = {"day_utc": day.searched.day.isoformat(), "observatories": " ".join(day.searched.observatories)}
+    return {**searched, **counts, **words}
 
 
 def _series(solution: Solution) -> Row:

@@ -1,23 +1,25 @@
-"""Runs of the pipeline: days from the mirror to published bursts, one burst, what was submitted, and housekeeping.
+"""Runs of the pipeline: days from the mirror to published bursts, one burst, and the tables that were submitted.
 
 A day is done again exactly when a file it is read from is new or has changed, or the code has. Of a burst that was
 localised before, what comes of it is the next version.
 """
 
 import contextvars
+import hashlib
 import time
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import closing
 from dataclasses import dataclass, field
 from datetime import date
+from pathlib import Path
 from typing import Any, Protocol, TypeVar
 
 import structlog
 
 import bella
-from bella.catalogue import Catalogue, SearchedDay
-from bella.exceptions import BellaError, BusyError, NoDataError
+from bella.catalogue import Catalogue, SearchedDay, Submission
+from bella.exceptions import BellaError, InputError, NoDataError, StoreError
 from bella.pipeline.burst import BurstOutcome, Choice, process_burst
 from bella.pipeline.day import (
     DAY,
@@ -30,21 +32,20 @@ from bella.pipeline.day import (
     known_bursts,
     search_day,
 )
+from bella.pipeline.day_files import BroughtFolder, DayFiles, Mirror, fetch_range
 from bella.pipeline.draw import draw_day, redraw_day
+from bella.pipeline.housekeeping import sweep_store
 from bella.pipeline.inputs import load_burst
-from bella.pipeline.mirror import DayFiles, Mirror, fetch_range
 from bella.pipeline.observability import observed_day
 from bella.pipeline.outcome import FAILED, NOTHING_NEW, SEARCHED, DayOutcome, remarks
 from bella.pipeline.progress import counter
-from bella.pipeline.user import BroughtFolder
 from bella.pipeline.workers import Workers
 from bella.records import DayAnswer, Origin
 from bella.settings import Settings
-from bella.store import sweep
 
 log = structlog.get_logger(__name__)
 
-SEARCH, SWEEP = "search", "sweep"
+SEARCH = "search"
 NOT_SEARCHABLE = DayAnswer.NOT_SEARCHABLE
 CHUNK_DAYS = 8
 """Days that are fetched before the first of them is processed: a long range shows results early."""
@@ -85,7 +86,7 @@ class Executor(Protocol):
     """How the steps of a run are done: one after the other, side by side, or as tasks of an orchestrator."""
 
     def fetch(self, days: Sequence[date], archive: str, settings: Settings) -> tuple[str, ...]:
-        """:func:`bella.pipeline.mirror.fetch_range`, tried again where that may help."""
+        """:func:`bella.pipeline.day_files.fetch_range`, tried again where that may help."""
 
     def submit(self, files: DayFiles, known: Sequence[KnownBurst], run: Run) -> Pending:
         """Begin :func:`process_day`, tried again where that may help."""
@@ -355,26 +356,68 @@ def process_subject(subject: str, run: Run) -> BurstOutcome:
         return process_burst(given, run.choice, settings, run.run_id)
 
 
-def sweep_store(catalogue: Catalogue, settings: Settings, run_id: str) -> list[str]:
-    """Remove from the store what killed runs have left, unless another run is doing so.
+def process_submissions(run: Run) -> int:
+    """Localise what waits; one that fails does not stop the others.
 
     Parameters
     ----------
-    catalogue : Catalogue
-    settings : Settings
-    run_id : str
+    run : Run
 
     Returns
     -------
-    list of str
-        Removed paths.
+    int
+        Number of tables that became a burst.
+
+    Raises
+    ------
+    BellaError
+        If the catalogue cannot be opened.
     """
+    with closing(Catalogue.open(run.settings.catalogue_url, create=True)) as catalogue:
+        return sum(_process_submission(catalogue, waiting, run) for waiting in catalogue.pending_submissions())
+
+
+def _process_submission(catalogue: Catalogue, waiting: Submission, run: Run) -> bool:
     try:
-        with catalogue.lease(SWEEP, "store", run_id, settings.lease_s):
-            referenced, in_use = catalogue.referenced_paths(), catalogue.held_subjects()
-            return sweep(settings.store_root, referenced, settings.lease_s, in_use)
-    except BusyError:
-        return []
+        check_unchanged(waiting, run.settings.incoming_root)
+        done = process_subject(waiting.submission_id, run)
+    except Exception as error:  # noqa: BLE001 - whatever ended one must not end the others; it is noted with it
+        _note_failure(catalogue, waiting, error)
+        return False
+    if done.reason:
+        catalogue.mark_submission(waiting.submission_id, state="failed", message=done.reason, burst_id=None)
+        return False
+    catalogue.mark_submission(waiting.submission_id, state="done", message="", burst_id=done.burst_id)
+    return True
+
+
+def check_unchanged(waiting: Submission, incoming: Path) -> None:
+    """Refuse a table that is not the one that was submitted.
+
+    Parameters
+    ----------
+    waiting : Submission
+    incoming : Path
+        Folder of the submitted tables.
+
+    Raises
+    ------
+    InputError
+        If its checksum is another one.
+    """
+    table = incoming / f"{waiting.submission_id}.csv"
+    if table.is_file() and hashlib.sha256(table.read_bytes()).hexdigest() != waiting.sha256:
+        raise InputError(f"{table.name} was changed after it was submitted: submit it again")
+
+
+def _note_failure(catalogue: Catalogue, waiting: Submission, error: Exception) -> None:
+    """Record why a table failed, unless the next run may do better: then it goes on waiting."""
+    unforeseen = f"the service did not foresee this: {type(error).__name__}: {error}"
+    foreseen = error if isinstance(error, BellaError) else BellaError(unforeseen)
+    waits = foreseen.retriable or isinstance(error, OSError | StoreError)
+    log.warning("submission failed", submission_id=waiting.submission_id, reason=str(foreseen), waits=waits)
+    if not waits:
+        catalogue.mark_submission(waiting.submission_id, state="failed", message=str(foreseen), burst_id=None)
 
 
 def days_between(first: date, last: date) -> tuple[date, ...]:

@@ -1,28 +1,36 @@
-"""What a solution says of its track: joint and two-step fit, and what stands beside them."""
+"""Track of a solution: joint and two-step fit, wave directions, and the companions beside the fits."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
+import numpy as np
 import pandas as pd
+import structlog
 import xarray as xr
 
 from bella.arrivals import ArrivalGrid, arrival_grid
 from bella.catalogue import Series
-from bella.exceptions import GeometryError, InputError, NoDataError
+from bella.exceptions import BellaError, GeometryError, InputError, NoDataError
 from bella.flags import NOT_COMPUTED
 from bella.multilateration.priors import apply_sigma_rule, find_preset
-from bella.pipeline.directions import directed, known_wind
 from bella.pipeline.surroundings import Surroundings, footpoint_of, wind_of
+from bella.records import MeasuredWind
 from bella.settings import Settings
-from bella.tracks import TrackFit, fit_track, track_record, with_joint_draws
+from bella.spectra import power_above_background
+from bella.tracks import TrackFit, WindPrior, fit_track, measured_wind, track_record, with_joint_draws
 from bella.tracks.compare import fused_companion, models_companion
+from bella.tracks.directions import DirectionTerms, direction_terms, wave_directions
 from bella.tracks.fit import FEWEST_DRAWS
 from bella.tracks.model import TrackModel
-from bella.tracks.scattering import density_companion, scattering_companion
+from bella.tracks.scattering import apparent_over_true, density_companion, scattering_companion
 from bella.tracks.semp import semp_companion
 from bella.tracks.spiral import piecewise_fit, track_fit
 from bella.tracks.triangulation import FLOOR_DEG, triangulation_companion
+
+log = structlog.get_logger(__name__)
+
+Window = tuple[np.datetime64, np.datetime64]
 
 TRACK_RECIPE = {
     "model": TrackModel().name,
@@ -151,3 +159,80 @@ def attempted(compute: Callable[[], dict[str, Any]]) -> dict[str, Any]:
         return compute()
     except (GeometryError, InputError, NoDataError) as error:
         return {"flags": [NOT_COMPUTED], "reason": str(error)}
+
+
+def burst_directions(spectra: Iterable[xr.Dataset], window: Window, band_mhz: tuple[float, float]) -> pd.DataFrame:
+    """Wave directions of a burst from the spectra that carry them.
+
+    Parameters
+    ----------
+    spectra : iterable of xarray.Dataset
+        Over their background.
+    window : tuple of numpy.datetime64
+        When the burst was heard.
+    band_mhz : tuple of float
+        Lowest and highest frequency of the burst.
+
+    Returns
+    -------
+    pandas.DataFrame
+        As :func:`bella.tracks.directions` returns it; of no rows where no spectrum carries directions.
+    """
+    parts = [pd.DataFrame()]
+    for spectrum in spectra:
+        if not any(str(name).startswith("wave_azimuth") for name in spectrum):
+            continue
+        linear = spectrum.assign(intensity=power_above_background(spectrum))
+        try:
+            found = wave_directions(linear.sel(frequency=slice(*band_mhz)), window)
+        except BellaError as error:
+            log.warning("no wave directions", observatory=spectrum.attrs["observatory"], reason=str(error))
+            continue
+        if found.attrs["turned"]:
+            log.info("wave vectors turned towards their source", observatory=spectrum.attrs["observatory"])
+        parts.append(found)
+    return pd.concat(parts, ignore_index=True)
+
+
+def directed(directions: pd.DataFrame | None, arrivals: pd.DataFrame, epoch: np.datetime64) -> DirectionTerms | None:
+    """Wave directions as a likelihood takes them.
+
+    Parameters
+    ----------
+    directions : pandas.DataFrame or None
+        As :func:`burst_directions` returns it.
+    arrivals : pandas.DataFrame
+        Located arrival table, for where the spacecraft were.
+    epoch : numpy.datetime64
+        Of the HEE axes.
+
+    Returns
+    -------
+    DirectionTerms or None
+        None where there are no directions.
+    """
+    if directions is None or not len(directions):
+        return None
+    return direction_terms(directions.assign(x_rsun=np.nan, y_rsun=np.nan, z_rsun=np.nan), arrivals, epoch, FLOOR_DEG)
+
+
+def known_wind(wind: Mapping[str, Any], band_mhz: tuple[float, float]) -> WindPrior | None:
+    """Prior of the apparent spiral from a wind measured in situ.
+
+    Parameters
+    ----------
+    wind : mapping
+        Companion of that name; its ``measured`` is the wind of the true spiral, fundamental and harmonic.
+    band_mhz : tuple of float
+        Lowest and highest frequency of the burst.
+
+    Returns
+    -------
+    WindPrior or None
+        None where nothing was measured.
+    """
+    measured = [MeasuredWind(**one) for one in wind.get("measured", {}).values()]
+    if not measured:
+        return None
+    speed, sd = np.mean([one.to(one.range_rsun[-1]) for one in measured], axis=0)
+    return measured_wind(float(speed), float(sd), *apparent_over_true(band_mhz))

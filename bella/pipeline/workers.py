@@ -1,6 +1,7 @@
-"""Processes that compute side by side. What a result is does not depend on how many there are.
+"""Processes that compute in parallel, and the environment in which each computes.
 
-Each process opens its own catalogue, computes with one thread, and ends when the process that started it does.
+What a result is does not depend on how many there are. Each process opens its own catalogue, computes with one thread,
+and ends when the process that started it does.
 """
 
 import contextlib
@@ -14,15 +15,54 @@ from multiprocessing.process import parent_process
 from pathlib import Path
 from typing import Any, Self, TypeVar
 
-from bella.exceptions import WorkerLostError
+from bella.exceptions import InputError, WorkerLostError
 from bella.logs import log_to
-from bella.pipeline.environment import prepare
 from bella.settings import Settings
+from bella.spacecraft import extend_with
 from bella.threads import ONE_THREAD
 
 T = TypeVar("T")
 ORPHANED = 3
 """Exit status of a worker whose parent has gone."""
+
+
+def prepare(settings: Settings) -> None:
+    """Point every library that writes files at the home folder, and turn off what would call home.
+
+    To be called before Prefect, matplotlib, numba or PyTensor are imported, which read these variables then. One that
+    is set already is left as it is: an operator's choice wins. Positions of spacecraft go on with the table that the
+    home folder holds, if it holds one.
+
+    Parameters
+    ----------
+    settings : Settings
+
+    Raises
+    ------
+    InputError
+        If the home folder cannot be made.
+    """
+    home, cache = settings.home.resolve(), settings.cache_root.resolve()
+    try:
+        cache.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise InputError(f"home folder {home}: {error.strerror}; name another with --home or BELLA_HOME") from error
+    for name, value in {
+        "PREFECT_HOME": home / "prefect",
+        "PREFECT_SERVER_ANALYTICS_ENABLED": "false",
+        "PREFECT_LOGGING_LEVEL": "CRITICAL",
+        "PREFECT_INTERNAL_LOGGING_LEVEL": "CRITICAL",  # events cut short when the server ends are no news
+        "PREFECT_LOGGING_TO_API_ENABLED": "false",
+        "PREFECT_CLI_PROMPT": "false",
+        "DO_NOT_TRACK": "1",
+        "MPLCONFIGDIR": cache / "matplotlib",
+        "NUMBA_CACHE_DIR": cache / "numba",
+        "PYTENSOR_FLAGS": f"base_compiledir={cache / 'pytensor'}",
+        "XDG_CACHE_HOME": cache,
+        "XDG_CONFIG_HOME": cache,
+    }.items():
+        os.environ.setdefault(name, str(value))
+    extend_with(settings.ephemeris_extension)
 
 
 class Workers:

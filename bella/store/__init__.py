@@ -10,17 +10,20 @@ from bella.exceptions import require_extra
 require_extra("zarr")
 
 from bella.store.digest import content_sha256
-from bella.store.layout import group_file, place_group, sweep
+from bella.store.layout import flush_tree, group_file, place_group, sweep
 from bella.store.reading import FORMAT_VERSION, open_group, open_tree
-from bella.store.writing import stage_group, verify_group, write_group
+from bella.store.writing import copy_group, rounded_draws, stage_group, verify_group, write_group
 
 __all__ = [
     "FORMAT_VERSION",
     "content_sha256",
+    "copy_group",
+    "flush_tree",
     "group_file",
     "open_group",
     "open_tree",
     "place_group",
+    "rounded_draws",
     "stage_group",
     "sweep",
     "verify_group",

@@ -1,5 +1,6 @@
 """Writing a group under a staging name and comparing what reached the disk with what was given."""
 
+import os
 import shutil
 import uuid
 import warnings
@@ -8,17 +9,45 @@ from typing import Any
 
 import numpy as np
 import xarray as xr
+import zarr
 import zarr.codecs
 from zarr.errors import ZarrUserWarning
 
 from bella.exceptions import StoreError
 from bella.store.digest import content_lines, datasets_of, is_text, sha256_of_lines
-from bella.store.layout import STAGING, SUFFIX, flush, flush_tree, place_group
-from bella.store.reading import read_everything
+from bella.store.layout import STAGING, SUFFIX, flush, flush_tree, inside, place_group
+from bella.store.reading import open_group, read_everything
 
-# one chunk per frequency is what one read needs, and one shard keeps 200 of them in one file
+# a chunk holds one parameter at one frequency, whose bytes are alike and pack well; a shard keeps them in one file
 _SHARDED = "draws"
-_SHUFFLED_ZSTD = {"cname": "zstd", "clevel": 5, "shuffle": "shuffle"}
+_SHUFFLED_ZSTD = {"cname": "zstd", "clevel": 9, "shuffle": "shuffle"}
+_ROUNDED = {"draws": "draw", "joint_draws": "joint_draw", "joint_range_rsun": "joint_draw"}
+"""Variables whose last bits are noise, and the dimension along which they scatter."""
+_STEPS_PER_SD = 32
+"""Rounding to 1/64 to 1/32 of a standard deviation adds at most 1e-4 of the variance, and packs 2.7 times smaller."""
+
+
+def rounded_draws(posterior: xr.Dataset) -> xr.Dataset:
+    """Posterior with draws rounded to a power of two, 1/64 to 1/32 of their own standard deviation.
+
+    Parameters
+    ----------
+    posterior : xarray.Dataset
+        Variables ``draws``, ``joint_draws`` and ``joint_range_rsun`` where present; the others stay as they are.
+
+    Returns
+    -------
+    xarray.Dataset
+    """
+    there = {name: along for name, along in _ROUNDED.items() if name in posterior}
+    return posterior.assign({name: _rounded(posterior[name], along) for name, along in there.items()})
+
+
+def _rounded(draws: xr.DataArray, along: str) -> xr.DataArray:
+    sd = draws.astype(float).std(along)
+    step = np.exp2(np.floor(np.log2(sd.where(sd > 0) / _STEPS_PER_SD)))
+    rounded = ((draws / step).round() * step).transpose(*draws.dims)
+    return draws.copy(data=np.where(np.isfinite(rounded), rounded, draws).astype(draws.dtype))
 
 
 def stage_group(group: xr.Dataset | xr.DataTree, root: Path) -> Path:
@@ -74,6 +103,38 @@ def write_group(group: xr.Dataset | xr.DataTree, path: Path) -> None:
     staged.parent.rmdir()
 
 
+def copy_group(root: Path, store_path: str, sha256: str, target: Path) -> None:
+    """Copy a group to the same path below another root, and compare the copy with its checksum.
+
+    Parameters
+    ----------
+    root : Path
+        Root of the store.
+    store_path : str
+        Path of the group as the catalogue keeps it.
+    sha256 : str
+        Checksum from the catalogue.
+    target : Path
+        Root to copy to.
+
+    Raises
+    ------
+    StoreError
+        Where the group is missing or damaged.
+    OSError
+        Where the copy cannot be written.
+    """
+    source, copy = inside(root, store_path), inside(target, store_path)
+    if not source.is_dir():
+        raise StoreError(f"{store_path} is not in the store {root}: restore it from a backup")
+    for folder, _, names in os.walk(source):
+        (copy / Path(folder).relative_to(source)).mkdir(parents=True, exist_ok=True)
+        for name in names:
+            file = Path(folder) / name
+            shutil.copyfile(file, copy / file.relative_to(source))
+    open_group(target, store_path, sha256)
+
+
 def verify_group(path: Path, group: xr.Dataset | xr.DataTree) -> str:
     """Read a staged group back from disk and compare every variable and attribute with what was given.
 
@@ -105,7 +166,7 @@ def verify_group(path: Path, group: xr.Dataset | xr.DataTree) -> str:
 
 
 def _write(group: xr.Dataset | xr.DataTree, path: Path) -> None:
-    with warnings.catch_warnings():
+    with warnings.catch_warnings(), zarr.config.set({"json_indent": None}):
         # readers that do not know consolidated metadata ignore it, and remote ones need one request instead of many
         warnings.filterwarnings("ignore", message="Consolidated metadata", category=ZarrUserWarning)
         for node, dataset in datasets_of(_plain(group)):
@@ -148,7 +209,7 @@ def _encoding(name: Any, variable: xr.Variable) -> dict[str, Any]:
         encoding |= {"dtype": "int64"}
     if name == _SHARDED and variable.ndim > 1 and variable.size:
         shard = variable.shape
-        encoding |= {"chunks": (1, *shard[1:]), "shards": shard}
+        encoding |= {"chunks": (1, *shard[1:-1], 1), "shards": shard}
     encoding["compressors"] = [*_codecs(variable), zarr.codecs.Crc32cCodec()]
     return {key: value for key, value in encoding.items() if value is not None or key == "_FillValue"}
 

@@ -84,6 +84,7 @@ class Place:
         self.x_rsun, self.y_rsun, self.z_rsun = (
             float("nan") if one is None else float(one) for one in (x_rsun, y_rsun, z_rsun)
         )
+        self.area68_rsun2 = float("nan")  # the answer had no area yet
         self.flags = flags
 
 

@@ -21,10 +21,10 @@ def listed(client: TestClient, **query: Any) -> dict[str, Any]:
     return reply.json()  # type: ignore[no-any-return]
 
 
-def test_all_bursts_come_in_the_order_of_their_start(client: TestClient) -> None:
+def test_all_bursts_come_the_newest_first(client: TestClient) -> None:
     reply = listed(client)
     starts = [burst["start_utc"] for burst in reply["bursts"]]
-    assert starts == sorted(starts)
+    assert starts == sorted(starts, reverse=True)
     assert (reply["total"], reply["returned"], reply["truncated"], reply["next"]) == (8, 8, False, None)
 
 

@@ -1,19 +1,17 @@
-import base64
-import json
 import uuid
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from datetime import UTC, datetime, timedelta
 from itertools import count
+from typing import Any
 
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
-from sqlalchemy import event
+from sqlalchemy import Connection, event
 
 from bella.catalogue import BurstQuery, Catalogue, Series
-from bella.catalogue.queries import cursor_after, parse_cursor
 from bella.exceptions import InputError
-from tests.catalogue.examples import START, burst, fitted, publication
+from tests.catalogue.examples import SERIES, START, burst, fitted, localisation, publication
 
 windows = count()
 
@@ -147,50 +145,6 @@ def test_pages_are_the_same_on_each_database(catalogue: Catalogue, limit: int) -
     check_walk(catalogue, [0, 3, 3, 3, 1, 0, 5], limit)
 
 
-@given(start=st.datetimes(timezones=st.just(UTC)), burst_id=st.from_regex(r"T3-[A-Za-z0-9_-]{0,20}", fullmatch=True))
-@settings(derandomize=True)
-def test_a_cursor_holds_what_it_was_made_of(start: datetime, burst_id: str) -> None:
-    cursor = cursor_after(start, burst_id)
-    assert parse_cursor(cursor) == (start, burst_id)
-    assert all(letter.isalnum() or letter in "-_" for letter in cursor)
-
-
-def encoded(value: object) -> str:
-    return base64.urlsafe_b64encode(json.dumps(value).encode()).decode()
-
-
-@pytest.mark.parametrize(
-    "cursor",
-    [
-        "",
-        "x",
-        "é",
-        "not a cursor",
-        "=" * 8,
-        encoded([]),
-        encoded(["2012-06-07T19:29:00+00:00"]),
-        encoded(["yesterday", "A"]),
-        encoded([5, "A"]),
-        encoded({"a": 1, "b": 2}),
-        encoded("ab"),
-        encoded(["0001-01-01T00:00:00+23:00", "A"]),
-    ],
-)
-def test_a_bad_cursor_is_bad_input(three: Catalogue, cursor: str) -> None:
-    with pytest.raises(InputError, match="cursor is not valid"):
-        three.bursts(BurstQuery(cursor=cursor))
-
-
-@given(cursor=st.text(max_size=40) | st.binary(max_size=40).map(lambda one: base64.urlsafe_b64encode(one).decode()))
-@settings(derandomize=True, max_examples=300)
-def test_any_text_is_a_cursor_or_bad_input(cursor: str) -> None:
-    try:
-        start, _ = parse_cursor(cursor)
-    except InputError:
-        return
-    assert start.tzinfo == UTC
-
-
 @pytest.mark.parametrize("limit", [0, -1, 1001])
 def test_a_limit_out_of_range_is_bad_input(catalogue: Catalogue, limit: int) -> None:
     with pytest.raises(InputError, match="give 1 to 1000"):
@@ -206,3 +160,175 @@ def test_a_page_of_many_bursts_is_read_in_a_few_queries(catalogue: Catalogue) ->
     assert [len(one.solutions) for one in page.bursts] == [1] * 30
     assert [one.burst.observatories for one in page.bursts] == [burst().observatories] * 30
     assert len([one for one in statements if one.startswith("SELECT")]) <= 6
+
+
+@pytest.fixture
+def placed(catalogue: Catalogue) -> Catalogue:
+    """Bursts at four longitudes, of which the last has no track; A and B are out of the ecliptic."""
+    places = {"A": (26.0, 20.0), "B": (-170.0, -5.0), "C": (175.0, 0.0)}
+    for hours, (name, (longitude, z)) in enumerate(places.items()):
+        own = burst(name, START + timedelta(hours=hours), f_low_mhz=0.1 * (hours + 1), f_high_mhz=3.0 * (hours + 1))
+        rows = (
+            localisation(0.5, x_rsun=20.0 * (hours + 1), y_rsun=0.0, z_rsun=z, area68_rsun2=10.0 * (hours + 1)),
+            localisation(0.25, x_rsun=30.0 * (hours + 1), y_rsun=0.0, z_rsun=z, area68_rsun2=20.0 * (hours + 1)),
+            localisation(0.2, flags="multimodal", x_rsun=900.0, z_rsun=900.0, area68_rsun2=9000.0),
+        )
+        fit = fitted(longitude, half_width_deg=4.5 + 3.0 * hours)
+        catalogue.publish(publication(of=own, track_fit=fit, localisations=rows))
+    catalogue.publish(publication(of=burst("D", START + timedelta(hours=3)), localisations=()))
+    return catalogue
+
+
+@pytest.mark.parametrize(
+    ("asked", "found"),
+    [
+        ({"longitude_min": 20.0, "longitude_max": 30.0}, "A"),
+        ({"longitude_min": 26.0, "longitude_max": 26.0}, "A"),
+        ({"longitude_min": 27.0, "longitude_max": 30.0}, ""),
+        ({"longitude_min": 170.0, "longitude_max": -160.0}, "BC"),
+        ({"longitude_min": 170.0, "longitude_max": 190.0}, "BC"),
+        ({"longitude_min": 170.0}, "C"),
+        ({"longitude_max": -160.0}, "B"),
+        ({"longitude_min": -190.0, "longitude_max": -165.0}, "BC"),
+        ({"longitude_min": -180.0, "longitude_max": 180.0}, "ABC"),
+        ({"longitude_min": 0.0, "longitude_max": 360.0}, "ABC"),
+        ({"longitude_min": -174.0, "longitude_max": 174.0}, "AB"),
+        ({"latitude_min": 30.0}, "A"),
+        ({"latitude_min": 34.0, "latitude_max": 44.0}, "A"),
+        ({"latitude_max": -7.0}, "B"),
+        ({"latitude_min": 0.0}, "A"),
+        ({"latitude_min": -90.0, "latitude_max": 90.0}, "AB"),
+        ({"distance_min": 61.0}, "C"),
+        ({"distance_min": 40.0, "distance_max": 50.0}, "B"),
+        ({"distance_max": 59.0}, "AB"),
+        ({"distance_min": 0.0}, "ABC"),
+        ({"wind_min": 590.0, "wind_max": 590.0}, "ABC"),
+        ({"wind_min": 591.0}, ""),
+        ({"wind_max": 589.0}, ""),
+        ({"area_min": 15.0, "area_max": 29.0}, "A"),
+        ({"area_min": 30.0, "area_max": 44.0}, "B"),
+        ({"area_max": 15.0}, "A"),
+        ({"frequency_min": 13.0}, "D"),
+        ({"frequency_max": 0.12}, "A"),
+        ({"frequency_min": 4.0, "frequency_max": 5.0}, "BCD"),
+        ({"tier": "final"}, "ABCD"),
+        ({"tier": "preliminary"}, ""),
+        ({"edges": frozenset({"half_maximum"})}, "ABCD"),
+        ({"edges": frozenset({"half_rise"})}, ""),
+        ({"methods": frozenset({"posterior", "nuts"}), "presets": frozenset({"default"})}, "ABCD"),
+        ({"methods": frozenset({"tdoa"})}, ""),
+        ({"presets": frozenset({"paper"})}, ""),
+        ({"longitude_min": 0.0, "wind_min": 500.0, "distance_max": 50.0, "grades": frozenset("AB")}, "A"),
+    ],
+)
+def test_ranges_are_those_of_the_preferred_solution(placed: Catalogue, asked: dict[str, Any], found: str) -> None:
+    assert ids(placed, BurstQuery(**asked)) == list(found)
+
+
+def test_ranges_follow_the_answer_when_it_changes(placed: Catalogue) -> None:
+    west = BurstQuery(longitude_min=20.0, longitude_max=30.0)
+    at = placed.burst("B").burst
+    other = Series("half_maximum", "posterior", "paper", 2)
+    solution = placed.publish(publication("h2", of=at, series=other, track_fit=fitted(21.0)))
+    assert ids(placed, west) == ["A"]
+    placed.prefer("B", other.name)
+    assert ids(placed, west) == ["A", "B"]
+    placed.retract(solution.solution_id, "wrong edges")
+    assert ids(placed, west) == ["A"]
+    placed.retract("A", "not a burst")
+    assert ids(placed, west) == []
+    assert [one.burst.burst_id for one in placed.bursts(BurstQuery(with_retracted=True)).bursts] == ["A", "B", "C", "D"]
+
+
+def test_flags_that_are_asked_for_are_all_there(three: Catalogue) -> None:
+    assert ids(three, BurstQuery(flags=frozenset({"two_modes"}))) == ["A", "C"]
+    assert ids(three, BurstQuery(flags=frozenset({"two_modes", "outside_prior"}))) == ["C"]
+    assert ids(three, BurstQuery(flags=frozenset({"two_modes"}), flags_absent=frozenset({"outside_prior"}))) == ["A"]
+
+
+def test_what_was_changed_since_a_time_is_found(three: Catalogue) -> None:
+    before = datetime.now(UTC)
+    assert ids(three, BurstQuery(updated_since=before)) == []
+    changes: list[Callable[[], object]] = [
+        lambda: three.publish(publication("h2", of=three.burst("A").burst)),
+        lambda: three.prefer("A", SERIES.name),
+        lambda: three.prefer_by_rule("A"),
+        lambda: three.retract("A", "not a burst"),
+    ]
+    for change in changes:
+        since = datetime.now(UTC)
+        change()
+        assert ids(three, BurstQuery(updated_since=since, with_retracted=True)) == ["A"]
+        updated = three.burst("A").burst.updated_utc
+        assert updated is not None
+        assert since <= updated <= datetime.now(UTC)
+    assert ids(three, BurstQuery(updated_since=before)) == []
+
+
+@pytest.mark.parametrize(
+    ("sort", "expected"),
+    [
+        ("start", "ABCD"),
+        ("-start", "DCBA"),
+        ("updated", "ABCD"),
+        ("-updated", "DCBA"),
+        ("grade", "ABCD"),
+        ("-grade", "DCBA"),
+        ("longitude", "BACD"),
+        ("-longitude", "CABD"),
+        ("latitude", "BACD"),
+        ("-latitude", "ABDC"),
+        ("distance", "ABCD"),
+        ("-distance", "CBAD"),
+        ("wind", "ABCD"),
+        ("-wind", "CBAD"),
+        ("area", "ABCD"),
+        ("-area", "CBAD"),
+        ("frequency", "ABCD"),
+        ("-frequency", "DCBA"),
+    ],
+)
+def test_every_sort_gives_every_burst_once_whatever_the_size_of_a_page(
+    placed: Catalogue, sort: str, expected: str
+) -> None:
+    for limit in (1, 3, 10):
+        seen, cursor = [], None
+        while True:
+            page = placed.bursts(BurstQuery(sort=sort, limit=limit, cursor=cursor))
+            seen += [one.burst.burst_id for one in page.bursts]
+            cursor = page.next_cursor
+            if cursor is None:
+                break
+        assert seen == list(expected)
+
+
+def test_a_sort_that_is_not_known_is_refused_with_those_that_are(catalogue: Catalogue) -> None:
+    with pytest.raises(InputError, match=r"sort: 'beauty' is not known; choose start, updated, grade, longitude"):
+        catalogue.bursts(BurstQuery(sort="beauty"))
+
+
+def test_a_cursor_goes_with_its_question(three: Catalogue) -> None:
+    cursor = three.bursts(BurstQuery(limit=1)).next_cursor
+    assert len(three.bursts(BurstQuery(limit=2, cursor=cursor)).bursts) == 2
+    with pytest.raises(InputError, match="cursor: was given with other filters"):
+        three.bursts(BurstQuery(limit=1, cursor=cursor, sort="-start"))
+
+
+def test_filters_and_orders_are_read_with_indexes(sqlite_url: str) -> None:
+    """What SQLite says it will do: never every row of a table beside the bursts, and none sorted by start."""
+    with Catalogue.open(sqlite_url, create=True) as opened:
+        plans: list[str] = []
+
+        def explain(connection: Connection, _cursor: object, statement: str, parameters: object, *_: object) -> None:
+            if statement.startswith("SELECT"):
+                rows = connection.connection.cursor().execute(f"EXPLAIN QUERY PLAN {statement}", parameters)  # type: ignore[arg-type]
+                plans.extend(str(row[3]) for row in rows)
+
+        event.listen(opened._engine, "before_cursor_execute", explain)
+        for query in (BurstQuery(stop=START, sort="-start"), BurstQuery(longitude_min=10.0, wind_min=300.0)):
+            plans.clear()
+            opened.bursts(query)
+            assert not [one for one in plans if one.startswith("SCAN")], plans
+        plans.clear()
+        opened.bursts(BurstQuery(sort="-start", start=START))
+        assert any("ix_burst_start_utc_burst_id" in one for one in plans)

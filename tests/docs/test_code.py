@@ -19,6 +19,8 @@ from typer.testing import CliRunner
 from bella.arrivals import write_arrivals
 from bella.bursts import published_arrivals
 from bella.cli import app
+from bella.pipeline.release import Wanted, make_release
+from bella.settings import Settings
 from bella.simulation.archive_days import simulate_days
 from bella.spectra import open_spectra
 
@@ -46,7 +48,7 @@ def can_run(block: str) -> bool:
     return all(importlib.util.find_spec(needed) for used, needed in OPTIONAL.items() if f"from {used}" in block)
 
 
-def put_files(page: Path) -> None:
+def put_files(page: Path, home: Settings) -> None:
     """Put the files that a page reads into the working folder."""
     if page.name == "python.md":  # its results are printed on the page
         write_arrivals(published_arrivals(np.array([0.25, 0.5, 1.0])), Path("arrivals.csv"))
@@ -56,6 +58,9 @@ def put_files(page: Path) -> None:
         shutil.copy(file, ".")
         Path("my-spectra").mkdir()
         open_spectra(file)[1].to_netcdf("my-spectra/wind.nc", engine="h5netcdf")
+    elif page.name == "releases.md":
+        Path("releases").mkdir()
+        make_release(home, Wanted("2026.1"), Path("releases"))
     else:
         shutil.copy(DOCS / "examples" / "arrivals.csv", ".")
 
@@ -67,9 +72,11 @@ def name(page: Path) -> str:
 # the downloader of SunPy leaves an event loop open
 @pytest.mark.filterwarnings("ignore::pytest.PytestUnraisableExceptionWarning")
 @pytest.mark.parametrize("page", [page for page in PAGES if blocks(page, "python")], ids=name)
-def test_python_of_a_page_runs(page: Path, address: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_python_of_a_page_runs(
+    page: Path, address: str, filled: Settings, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.chdir(tmp_path)
-    put_files(page)
+    put_files(page, filled)
     whole = "\n".join(one for one in blocks(page, "python") if can_run(one)).replace(SERVICE, address)
     if ">>> " in whole:
         options = doctest.NORMALIZE_WHITESPACE | doctest.ELLIPSIS

@@ -311,7 +311,7 @@ def test_catalogue_and_status_tell_of_the_run(first_run: FirstRun) -> None:
 
 COMPLAINT = """
 from bella.settings import Settings
-from bella.pipeline.environment import prepare
+from bella.pipeline.workers import prepare
 
 prepare(Settings())
 import logging

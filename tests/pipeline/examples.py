@@ -6,7 +6,7 @@ from datetime import date
 from pathlib import Path
 
 from bella.catalogue import SourceFile
-from bella.pipeline.mirror import DayFiles
+from bella.pipeline.day_files import DayFiles
 
 
 def files_of(day: date, paths: Sequence[Path]) -> DayFiles:

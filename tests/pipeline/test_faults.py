@@ -18,10 +18,9 @@ from bella.bursts import half_maximum_arrivals
 from bella.catalogue import Catalogue, submission_name
 from bella.exceptions import BusyError, ConvergenceError, NotPlacedError, StoreError, UnreachableError
 from bella.pipeline.burst import SCIENCE_ERRORS, computed
-from bella.pipeline.mirror import Mirror
+from bella.pipeline.day_files import Mirror
 from bella.pipeline.outcome import FAILED
-from bella.pipeline.run import Direct, Run, process_days
-from bella.pipeline.submissions import process_submissions
+from bella.pipeline.run import Direct, Run, process_days, process_submissions
 from bella.pipeline.workers import Workers
 from bella.settings import Settings
 from tests.archive.server import cdf

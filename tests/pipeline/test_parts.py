@@ -23,12 +23,13 @@ from bella.cli import app
 from bella.exceptions import BusyError, GeometryError, InputError, NoDataError, StoreError, UnreachableError
 from bella.flags import APPARENT_SOURCE
 from bella.multilateration import localise
-from bella.pipeline import environment, progress
+from bella.pipeline import progress
 from bella.pipeline.inputs import load_burst
 from bella.pipeline.publication import Draft, inputs_hash, publish, solution_flags
-from bella.pipeline.submissions import check_unchanged
+from bella.pipeline.run import check_unchanged
 from bella.pipeline.surroundings import surroundings_of
 from bella.pipeline.tracks import Timing, attempted, fitted_track
+from bella.pipeline.workers import prepare
 from bella.records import Origin
 from bella.settings import Settings
 from bella.tracks.spiral import track_fit
@@ -212,7 +213,7 @@ def test_environment_keeps_what_an_operator_has_set(tmp_path: Path, monkeypatch:
         monkeypatch.setenv(name, "kept")
     for name in ("PREFECT_CLI_PROMPT", "PREFECT_INTERNAL_LOGGING_LEVEL", "XDG_CONFIG_HOME"):
         monkeypatch.setenv(name, "kept")
-    environment.prepare(Settings(home=tmp_path / "home"))
+    prepare(Settings(home=tmp_path / "home"))
     import os
 
     assert os.environ["PREFECT_HOME"] == str(tmp_path / "home" / "prefect")

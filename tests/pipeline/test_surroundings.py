@@ -17,8 +17,8 @@ from bella.arrivals import locate_receivers
 from bella.bursts import EVENT, half_maximum_arrivals
 from bella.catalogue import Catalogue, Series, Solution
 from bella.multilateration import localise
+from bella.pipeline.day_files import DayFiles, with_surroundings
 from bella.pipeline.inputs import load_burst
-from bella.pipeline.mirror import DayFiles, with_surroundings
 from bella.pipeline.publication import Draft, inputs_hash, publish
 from bella.pipeline.surroundings import day_digest, draw_wind, has_wind, surroundings_of
 from bella.pipeline.tracks import Timing, fitted_track

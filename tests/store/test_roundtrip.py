@@ -11,7 +11,15 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as arrays
 
 from bella.exceptions import StoreError
-from bella.store import content_sha256, open_group, open_tree, place_group, stage_group, verify_group
+from bella.store import (
+    content_sha256,
+    open_group,
+    open_tree,
+    place_group,
+    rounded_draws,
+    stage_group,
+    verify_group,
+)
 from tests.store.examples import posterior, spectra
 
 NAME = "T3-20120607-1929/half_maximum-posterior-default-2d-3f9c2a1b.zarr"
@@ -80,7 +88,7 @@ def test_many_frequencies_are_few_files_and_one_is_read_alone(root: Path) -> Non
     )
     assert few == more <= 2 * len(many.variables) + 1
     draws = open_group(root, "T3-20120607-1929/many.zarr")["draws"]
-    assert draws.encoding["chunks"] == (1, 40, 4)
+    assert draws.encoding["chunks"] == (1, 40, 1)
     assert draws.encoding["shards"] == (200, 40, 4)
     np.testing.assert_array_equal(draws[137], many["draws"][137])
 
@@ -104,6 +112,39 @@ def test_the_checksum_does_not_depend_on_compression_or_chunks(root: Path, tmp_p
         posterior().assign(text).to_zarr(other, zarr_format=3, encoding=encoding)
     with xr.open_zarr(other, chunks=None) as found:
         assert content_sha256(found) == sha256
+
+
+def scattered(sd: np.ndarray, draws: int = 4000) -> xr.Dataset:
+    """Posterior of which draws have these standard deviations by frequency and parameter."""
+    values = 300 + np.random.default_rng(3).normal(size=(len(sd), draws, 4)) * sd[:, None, :]
+    group = posterior(frequencies=5).isel(frequency=np.arange(len(sd)) % 5).drop_vars(["draws", "frequency"])
+    return group.assign(draws=(("frequency", "draw", "parameter"), values.astype("float32"), {"units": "1"}))
+
+
+def test_rounding_draws_moves_each_by_less_than_a_thirtieth_of_its_scatter() -> None:
+    sd = np.geomspace(0.01, 100, 20).reshape(5, 4)
+    exact = scattered(sd)
+    kept = rounded_draws(exact)
+    moved = (kept["draws"] - exact["draws"]).astype(float) / xr.DataArray(sd, dims=("frequency", "parameter"))
+    assert 1 / 200 < float(abs(moved).max("draw").min()) <= float(abs(moved).max()) < 1 / 30
+    assert float(abs(moved.mean("draw")).max()) < 1e-3
+    assert kept["draws"].attrs == {"units": "1"}
+    assert kept["draws"].dims == exact["draws"].dims
+    assert kept["draws"].dtype == np.float32
+    xr.testing.assert_identical(kept.drop_vars("draws"), exact.drop_vars("draws"))
+    xr.testing.assert_identical(rounded_draws(kept), kept)
+
+
+def test_rounding_leaves_what_does_not_scatter() -> None:
+    exact = scattered(np.zeros((2, 4)))
+    exact["draws"][1, 7, 2] = np.nan
+    np.testing.assert_array_equal(rounded_draws(exact)["draws"], exact["draws"])
+    xr.testing.assert_identical(rounded_draws(spectra()["WIND"].to_dataset()), spectra()["WIND"].to_dataset())
+
+
+def test_four_thousand_draws_of_forty_frequencies_fit_into_a_megabyte(root: Path) -> None:
+    published(rounded_draws(scattered(np.ones((40, 4)) * [5, 5, 10, 1e-3])), root)
+    assert sum(one.stat().st_size for one in (root / NAME).rglob("*") if one.is_file()) < 1_000_000
 
 
 def changes() -> dict[str, xr.Dataset]:

@@ -1,7 +1,8 @@
-"""The inputs of a day: the newest whole files in the mirror, whatever an archive answers today.
+"""The inputs of a day: the newest whole files in the mirror, or the spectra that a user has brought in a folder.
 
-A listing, an outage or a 404 adds files, or none; it never takes one away. What the archive answered is remembered
-beside the files, so that "no data" and "archive silent" can be told apart later and without a network.
+What an archive answers today adds files to the mirror, or none; a listing, an outage or a 404 never takes one away.
+What it answered is remembered beside the files, so that "no data" and "archive silent" can be told apart later and
+without a network.
 """
 
 import hashlib
@@ -22,13 +23,16 @@ from bella.pipeline.progress import counter
 from bella.pipeline.surroundings import day_digest
 from bella.records import Origin
 from bella.settings import Settings
-from bella.spectra import UserFolder
+from bella.spectra import UserFolder, user_days
 
 log = structlog.get_logger(__name__)
 
 DAY = timedelta(days=1)
 ANSWERS = ".answers"
 """Folder in the mirror with one file a day: what the archive answered last about each data set."""
+
+USER_DATASET = Origin.USER.value
+"""Name of the dataset of files that users bring."""
 
 UNREACHABLE, NO_FOLDER = "unreachable", "no_folder"
 """Answers of an archive: it did not answer; it answered, and does not have the data set at all."""
@@ -248,6 +252,11 @@ def _sha256_if_whole(path: Path) -> str | None:
 
 
 def _sha256(path: Path) -> str:
+    """Checksum of a file; of a folder, such as a Zarr store, that of the names and checksums of its files."""
+    if path.is_dir():
+        files = sorted(one for one in path.rglob("*") if one.is_file())
+        text = "\n".join(f"{one.relative_to(path)} {_sha256(one)}" for one in files)
+        return hashlib.sha256(text.encode()).hexdigest()
     with path.open("rb") as stream:
         return hashlib.file_digest(stream, "sha256").hexdigest()
 
@@ -294,3 +303,77 @@ def with_surroundings(files: DayFiles, settings: Settings) -> DayFiles:
     if not known:
         return files
     return replace(files, inputs_hash=hashlib.sha256(f"{files.inputs_hash}{known}".encode()).hexdigest())
+
+
+class BroughtFolder:
+    """A folder of spectra as one run sees it: each file is looked through once.
+
+    Parameters
+    ----------
+    folder : Path
+    settings : Settings
+
+    Raises
+    ------
+    InputError
+        If there is no such folder, or nothing in it can be read.
+    """
+
+    def __init__(self, folder: Path, settings: Settings) -> None:
+        self._settings = settings
+        self._folder: UserFolder = user_days(folder)
+        self._name = folder
+        self._sums: dict[Path, str] = {}
+
+    @property
+    def left_out(self) -> tuple[str, ...]:
+        """Files that cannot be read, each with its reason."""
+        return tuple(one.removeprefix("left out: ") for one in self._folder.left_out)
+
+    def days(self, first: date | None, last: date | None) -> Sequence[date]:
+        """Days of [first, last] with records, in order.
+
+        Raises
+        ------
+        InputError
+            If there are none.
+        """
+        held = self._folder.days
+        wanted = [day for day in held if (first is None or first <= day) and (last is None or day <= last)]
+        if not wanted:
+            raise InputError(f"{self._name} has no record of these days: it has those from {held[0]} to {held[-1]}")
+        return wanted
+
+    def day(self, day: date) -> DayFiles:
+        """Which files of the folder a day is read from.
+
+        Parameters
+        ----------
+        day : datetime.date
+
+        Returns
+        -------
+        DayFiles
+
+        Raises
+        ------
+        StoreError
+            If a file cannot be read.
+        """
+        paths = tuple(one.path for one in self._folder.of(day))
+        sums = [self._sha256(path) for path in paths]
+        sources = [
+            SourceFile(USER_DATASET, day, "1", one, "done", path.name) for path, one in zip(paths, sums, strict=True)
+        ]
+        text = "\n".join([USER_DATASET, *sorted(sums)])
+        inputs_hash = hashlib.sha256(text.encode()).hexdigest()
+        files = DayFiles(day, paths, tuple(sources), inputs_hash, folder=self._folder)
+        return with_surroundings(files, self._settings)
+
+    def _sha256(self, path: Path) -> str:
+        if path not in self._sums:
+            try:
+                self._sums[path] = _sha256(path)
+            except OSError as error:
+                raise StoreError(f"{path} cannot be read ({error.strerror}): check the disk and run again") from error
+        return self._sums[path]

@@ -8,7 +8,7 @@ import pytest
 
 from bella.archive import Archive
 from bella.exceptions import StoreError
-from bella.pipeline.mirror import DayFiles, Mirror, answers_of, check_content, fetch_range
+from bella.pipeline.day_files import DayFiles, Mirror, answers_of, check_content, fetch_range
 from bella.settings import Settings
 from tests.archive.server import DAY, H1, L3, STEREO, Clock, Server, cdf, path_of, status, visit
 
@@ -37,7 +37,7 @@ def fetch(server: Server, settings: Settings, monkeypatch: pytest.MonkeyPatch) -
     def opened(url: str, **_: float) -> Archive:
         return visit(url, Clock())
 
-    monkeypatch.setattr("bella.pipeline.mirror.open_archive", opened)
+    monkeypatch.setattr("bella.pipeline.day_files.open_archive", opened)
     return lambda: fetch_range([DAY], server.url, settings)
 
 

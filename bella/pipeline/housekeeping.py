@@ -1,25 +1,56 @@
-"""Pruning: the draws of superseded solutions, which are most of the store, are removed after a while.
+"""Housekeeping of the store: sweep what killed runs have left, prune old draws, verify what was published.
 
-What stays of them: arrival times, positions with their errors, tracks, seeds and settings, from which the same draws
-can be made again.
+Draws of superseded solutions are most of the store. What stays of them: arrival times, positions with their errors,
+tracks, seeds and settings, from which the same draws can be made again.
 """
 
+import re
 from collections.abc import Callable
 from contextlib import closing
 from dataclasses import dataclass
 from datetime import UTC, datetime, timedelta
+from pathlib import Path
 
 import structlog
 
-from bella.catalogue import Catalogue, Solution
+from bella.catalogue import Catalogue, Solution, StoredGroup
+from bella.exceptions import BusyError, StoreError
 from bella.pipeline.publication import store_group
 from bella.settings import Settings
-from bella.store import open_group
+from bella.store import content_sha256, open_group, open_tree, sweep
+
+SWEEP = "sweep"
+"""Stage under which the lease of the store is held."""
 
 DRAWS = "draw"
 """Dimensions whose names begin so are those of draws."""
 
+SPECTRA = re.compile(r"/spectra-([0-9a-f]{8})-[0-9a-f]{8}\.zarr$")
+"""Name of the spectra of a burst: it begins with the first digits of their checksum."""
+
 log = structlog.get_logger(__name__)
+
+
+def sweep_store(catalogue: Catalogue, settings: Settings, run_id: str) -> list[str]:
+    """Remove from the store what killed runs have left, unless another run is doing so.
+
+    Parameters
+    ----------
+    catalogue : Catalogue
+    settings : Settings
+    run_id : str
+
+    Returns
+    -------
+    list of str
+        Removed paths.
+    """
+    try:
+        with catalogue.lease(SWEEP, "store", run_id, settings.lease_s):
+            referenced, in_use = catalogue.referenced_paths(), catalogue.held_subjects()
+            return sweep(settings.store_root, referenced, settings.lease_s, in_use)
+    except BusyError:
+        return []
 
 
 @dataclass(frozen=True)
@@ -72,3 +103,28 @@ def _pruned(solution: Solution, catalogue: Catalogue, settings: Settings, *, dry
         catalogue.note_pruned(solution.solution_id, *store_group(kept, settings, f"{name}-pruned"))
         log.info("draws pruned", solution_id=solution.solution_id, draws=draws)
     return Pruned(solution.solution_id, draws)
+
+
+def damage_of(group: StoredGroup, root: Path) -> str:
+    """What is wrong with a group; everything in it is read.
+
+    Parameters
+    ----------
+    group : StoredGroup
+    root : Path
+        Of the store.
+
+    Returns
+    -------
+    str
+        Empty where it is whole.
+    """
+    try:
+        if group.sha256 is not None:
+            open_group(root, group.store_path, group.sha256)
+            return ""
+        named = SPECTRA.search(group.store_path)
+        found = content_sha256(open_tree(root, group.store_path))
+    except StoreError as error:
+        return str(error)
+    return "" if named is None or found.startswith(named[1]) else "its content is not what its name says"

@@ -1,0 +1,162 @@
+"""Lists page by page: their order, and cursors that say where a page ended.
+
+A cursor holds the values of the last row shown, and a mark of the question, so that it goes on where that row was
+whatever came meanwhile, and is refused by any other question.
+"""
+
+import base64
+import binascii
+import hashlib
+import json
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass
+from datetime import date, datetime
+from typing import Any
+
+from sqlalchemy import ColumnElement, and_, false, or_
+
+from bella.catalogue.models import as_utc
+from bella.exceptions import InputError
+
+LARGEST_INTEGER = 2**63 - 1
+
+
+@dataclass(frozen=True)
+class Key:
+    """One column of an order.
+
+    Attributes
+    ----------
+    name : str
+        Of the column in a row.
+    column : sqlalchemy.ColumnElement
+    kind : type
+        datetime, date, float, int or str.
+    descending : bool
+    nullable : bool
+        Rows without a value come last, whichever way the order goes.
+    """
+
+    name: str
+    column: ColumnElement[Any]
+    kind: type
+    descending: bool = False
+    nullable: bool = False
+
+    def order(self) -> list[ColumnElement[Any]]:
+        """What to order by."""
+        own = self.column.desc() if self.descending else self.column.asc()
+        return [self.column.is_(None), own] if self.nullable else [own]
+
+    def beyond(self, value: Any) -> ColumnElement[bool]:
+        """Condition that a row is after this value."""
+        if value is None:
+            return false()
+        later = self.column < value if self.descending else self.column > value
+        return or_(later, self.column.is_(None)) if self.nullable else later
+
+    def at(self, value: Any) -> ColumnElement[bool]:
+        """Condition that a row has this value."""
+        return self.column.is_(None) if value is None else self.column == value
+
+
+Order = Sequence[Key]
+"""Columns of an order; the last ones tell all rows apart."""
+
+
+def ordered_by(order: Order) -> list[ColumnElement[Any]]:
+    """What a statement is to be ordered by."""
+    return [one for key in order for one in key.order()]
+
+
+def after(order: Order, values: Sequence[Any]) -> ColumnElement[bool]:
+    """Condition that a row comes after the one with these values."""
+    condition: ColumnElement[bool] = false()
+    for key, value in reversed(list(zip(order, values, strict=True))):
+        condition = or_(key.beyond(value), and_(key.at(value), condition))
+    first, value = order[0], values[0]
+    if first.nullable:
+        return condition
+    # implied by the rest, but it lets SQLite seek in the index
+    return and_(first.column <= value if first.descending else first.column >= value, condition)
+
+
+def mark_of(question: Any, *more: object) -> str:
+    """Short text that tells one question from another, whatever page of it is asked for.
+
+    Parameters
+    ----------
+    question : dataclass or None
+        Its fields `cursor` and `limit` do not count.
+    *more : object
+        What else makes the question.
+    """
+    fields = {} if question is None else asdict(question)
+    said = {name: value for name, value in fields.items() if name not in {"cursor", "limit"}}
+    content = json.dumps([said, *more], default=_plain, sort_keys=True)
+    return hashlib.sha256(content.encode()).hexdigest()[:12]
+
+
+def cursor_after(order: Order, row: Mapping[str, Any], mark: str) -> str:
+    """Opaque cursor of the page that begins after a row.
+
+    Parameters
+    ----------
+    order : sequence of Key
+    row : mapping
+        The last one shown.
+    mark : str
+        Of the question.
+
+    Returns
+    -------
+    str
+        URL-safe text.
+    """
+    content = json.dumps([mark, *(_written(row[key.name]) for key in order)])
+    return base64.urlsafe_b64encode(content.encode()).decode().rstrip("=")
+
+
+def parse_cursor(order: Order, cursor: str, mark: str) -> list[Any]:
+    """Values that `cursor_after` was given.
+
+    Raises
+    ------
+    InputError
+        Where the cursor is not one of ours, or was given with another question.
+    """
+    try:
+        padded = cursor.encode("ascii") + b"=" * (-len(cursor) % 4)
+        known, *values = json.loads(base64.b64decode(padded, altchars=b"-_", validate=True))
+        found = [_read(key, value) for key, value in zip(order, values, strict=True)] if known == mark else None
+    except (binascii.Error, ValueError, TypeError, OverflowError, RecursionError) as error:
+        raise InputError("cursor: is not one of ours; take that of the page before, or none for the first") from error
+    if found is None:
+        raise InputError("cursor: was given with other filters or another sort; leave it out to begin anew")
+    return found
+
+
+def _written(value: Any) -> Any:
+    if isinstance(value, datetime):
+        return as_utc(value).isoformat()
+    return value.isoformat() if isinstance(value, date) else value
+
+
+def _read(key: Key, value: Any) -> Any:
+    if value is None and key.nullable:
+        return None
+    if key.kind is datetime:
+        return as_utc(datetime.fromisoformat(value))
+    if key.kind is date:
+        return date.fromisoformat(value)
+    if key.kind is str:
+        return str(value).encode().decode().replace("\0", "")
+    number = key.kind(value)
+    if not math.isfinite(number) or (key.kind is int and abs(number) > LARGEST_INTEGER):
+        raise ValueError(f"{number} is out of range")
+    return number
+
+
+def _plain(value: Any) -> Any:
+    return sorted(map(str, value)) if isinstance(value, frozenset | set | tuple) else str(value)
