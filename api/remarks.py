@@ -1,11 +1,9 @@
 """Why the methods do not agree about a track, in plain English and from their numbers."""
 
 import math
-from collections.abc import Mapping, Sequence
-from itertools import combinations
+from collections.abc import Mapping
 from typing import Any
 
-from api.rendering import written_interval, written_speed
 from api.wording import flag_meaning
 from bella.units import within_half_turn_deg
 
@@ -43,44 +41,6 @@ def remarks_of(fits: Mapping[str, Fit], track: Fit) -> list[str]:
         *(_flags(name, fits.get(name, {})) for name in ("joint", "piecewise", "semp")),
     ]
     return [remark for remark in said if remark]
-
-
-def edge_remark(tracks: Mapping[str, Fit]) -> str:
-    """What the definition of the edge does to the joint fit.
-
-    Parameters
-    ----------
-    tracks : mapping of str to mapping
-        Track fit by the words for the edge.
-
-    Returns
-    -------
-    str
-        Empty where fewer than two have a joint fit.
-    """
-    known = {
-        edge: track["joint"]
-        for edge, track in tracks.items()
-        if _mean(track.get("joint") or {}, "phi0_deg") is not None
-    }
-    if len(known) < 2:
-        return ""
-    each = ", ".join(
-        f"{edge} {written_interval(joint['phi0_deg'])}° and {written_speed(joint, ' km/s')}"
-        for edge, joint in known.items()
-    )
-    return (
-        f"One burst, timed at different points of its rise: {each} by the joint fit. "
-        f"{_apart_words(list(known.values()))}, and no error of a single column is meant to hold that."
-    )
-
-
-def _apart_words(fits: Sequence[Fit]) -> str:
-    """How far the longitudes of fits lie apart, and whether that is more than their errors."""
-    pairs = [(_turn(one, other), _joint_sd(one, other)) for one, other in combinations(fits, 2)]
-    apart, error = max(pairs)
-    verdict = "more than" if any(angle > APART_SD * sd for angle, sd in pairs) else "within what"
-    return f"The longitudes lie up to {apart:.0f}° apart, {verdict} their errors allow (± {error:.0f}° for that pair)"
 
 
 def _turn(one: Fit, other: Fit) -> float:

@@ -12,7 +12,7 @@ from api.rendering import DASH, written_interval, written_number, written_speed
 from api.scattering_section import ScatteringTable, scattering_table
 from api.schemas import SolutionReply
 from api.wind_section import footpoint_words, track_wind_words
-from bella.answer import NO_SPIRAL, NOT_MEASURED, interval_68, wind_gap
+from bella.answer import NO_SPIRAL, interval_68, wind_gap
 
 Fit = Mapping[str, Any]
 
@@ -79,13 +79,6 @@ class TrackSection:
     directions: str = ""
     fused: str = ""
     models: str = ""
-
-    @property
-    def brief(self) -> str:
-        """Longitude and wind of the joint fit, for where the section is folded."""
-        longitude, wind = (cells[0].words for _, cells in self.rows[:2])
-        unit = "" if wind in {NO_SPIRAL, NOT_MEASURED, DASH} else " km/s"
-        return f"{longitude}°, {wind}{unit}"
 
 
 def track_section(solution: SolutionReply, track: Fit, figures: list[tuple[str, str, str]]) -> TrackSection | None:

@@ -26,6 +26,9 @@ from bella.records import REAL_ORIGINS, Origin, origins_beside
 
 router = APIRouter(include_in_schema=False)
 
+NO_TABLE = "tfcat"
+"""It holds detections alone."""
+
 FIGURES = {
     "constellation": "Map",
     "spectra": "Spectra",
@@ -114,7 +117,7 @@ def _downloads(
 ) -> list[tuple[str, str, list[tuple[str, str]]]]:
     """Rows of words, address, and kinds with the query that asks for each."""
     pick = series_query(shown, with_version=True)
-    tables = [(one.name, f"?{pick}&format={one.name}") for one in FORMATS.values()]
+    tables = [(one.name, f"?{pick}&format={one.name}") for one in FORMATS.values() if one.name != NO_TABLE]
     drawn = f"?{pick}&{urlencode(view.model_dump(exclude_defaults=True, exclude=set(CHOICES)))}".rstrip("&")
     placed = [("Positions by frequency", links["track"], tables)] if is_placed else []
     figures = [

@@ -28,7 +28,25 @@ from bella.spacecraft import OBSERVATORIES
 router = APIRouter(include_in_schema=False)
 
 FILTER_NAMES = frozenset(BurstFilter.model_fields)
-LISTS = frozenset({"observatory", "without_flag"})
+LISTS = frozenset({"observatory", "grade", "flag", "without_flag", "edge", "method", "preset"})
+
+SORTS = {
+    "-start": "newest first",
+    "start": "oldest first",
+    "-updated": "last changed first",
+    "grade": "best grade first",
+    "longitude": "by longitude",
+    "distance": "nearest first",
+    "-wind": "fastest wind first",
+    "area": "smallest region first",
+}
+NUMBERS = {
+    "longitude": "Longitude (°, west positive)",
+    "distance": "Distance (R☉)",
+    "wind": "Wind (km/s)",
+    "frequency": "Frequency (MHz)",
+    "area": "68 % area (R☉²)",
+}
 MOST_PICTURES = 200
 """Beyond so many rows a list has no pictures of tracks: each is a look into the catalogue."""
 
@@ -51,13 +69,16 @@ def list_page(request: Request, catalogue: CatalogueHere) -> HTMLResponse:
         page=page,
         fault=fault,
         asked={name: asked.get(name, [] if name in LISTS else "") for name in FILTER_NAMES},
-        filtered=any(asked.get(name) for name in FILTER_NAMES - {"limit", "cursor"}),
+        filtered=any(asked.get(name) for name in FILTER_NAMES - {"limit", "cursor", "sort"}),
         onward=urlencode({**asked, "cursor": following}, doseq=True) if following else None,
         first=urlencode({name: value for name, value in asked.items() if name != "cursor"}, doseq=True),
-        selection=urlencode({n: v for n, v in asked.items() if v and n not in {"cursor", "limit"}}, doseq=True),
+        selection=urlencode({n: v for n, v in asked.items() if v and n not in {"cursor", "limit", "sort"}}, doseq=True),
         is_empty=page is not None and page.total == 0 and catalogue.bursts(BurstQuery(limit=1)).total == 0,
         observatories=list(dict.fromkeys([*OBSERVATORIES, *asked.get("observatory", [])])),
         flags=FLAGS,
+        sorts=SORTS,
+        numbers=NUMBERS,
+        more=any(asked.get(f"{name}_{end}") for name in NUMBERS for end in ("min", "max")),
         harmless=HARMLESS_FLAGS,
         grades=GRADES,
         base_url=str(request.base_url).rstrip("/"),
