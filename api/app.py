@@ -12,12 +12,11 @@ from api.errors import DESCRIBED, install_error_handlers
 from api.headers import install_headers
 from api.pages import burst as burst_page
 from api.pages import bursts as list_page
-from api.pages import guide, submit
+from api.pages import days, guide, submit
 from api.routers import (
     alerts,
     arrivals,
     bursts,
-    days,
     detections,
     figures,
     hapi,

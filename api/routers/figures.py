@@ -1,5 +1,6 @@
 """Figures of a burst, SVG, as the burst page draws them and as files to keep."""
 
+from collections.abc import Mapping
 from typing import Annotated, Literal
 
 from fastapi import APIRouter, Depends, Query, Request, Response
@@ -35,16 +36,17 @@ def figure(request: Request, name: FigureName, looked: Annotated[Looked, Depends
     drawn = getattr(looked, name)()
     if drawn is None:
         raise NoDataError(f"{burst_id} has no positions: there is no such figure")
-    return Response(
-        as_file(drawn, f"{_caption(name, view)} {_source(looked)}"),
-        media_type="image/svg+xml",
-        headers={
-            "ETag": tag,
-            "Cache-Control": REVALIDATE,
-            "Content-Security-Policy": FILE_POLICY,
-            "Content-Disposition": f'inline; filename="{burst_id}_{name}.svg"',
-        },
-    )
+    headers = {
+        "ETag": tag,
+        "Cache-Control": REVALIDATE,
+        "Content-Disposition": f'inline; filename="{burst_id}_{name}.svg"',
+    }
+    return svg_reply(as_file(drawn, f"{_caption(name, view)} {_source(looked)}"), headers)
+
+
+def svg_reply(drawn: str, headers: Mapping[str, str]) -> Response:
+    """Figure as a file of its own."""
+    return Response(drawn, media_type="image/svg+xml", headers={**headers, "Content-Security-Policy": FILE_POLICY})
 
 
 def _caption(name: FigureName, view: BurstView) -> str:

@@ -28,7 +28,7 @@ from bella.plotting import (
     edge_name,
     write_collapsed_png,
     write_constellation_png,
-    write_day_png,
+    write_day_svg,
     write_density_png,
     write_polar_fit_png,
     write_spectra_png,
@@ -170,7 +170,7 @@ def draw_day(day: date, spectra: Sequence[xr.Dataset], found: Sequence[Detection
     """
     path = settings.day_figure(day, origin_of(spectra))
     try:
-        write_day_png(path, day, spectra, detection_frame(found))
+        write_day_svg(path, day, spectra, detection_frame(found))
     except Exception as error:  # noqa: BLE001 - a picture is not worth a day, whatever keeps it from being drawn
         log.warning("figure of the day not drawn", reason=f"{type(error).__name__}: {error}")
         if path.is_file():

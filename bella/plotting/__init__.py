@@ -10,11 +10,12 @@ from typing import TYPE_CHECKING, Any
 from bella.exceptions import require_extra
 from bella.plotting.constellation import MapView, constellation_caption, constellation_figure, thumbnail
 from bella.plotting.evolution import evolution_figure, residual_figure
+from bella.plotting.fleet import write_day_svg
 from bella.plotting.geometry import TrackView, polar_track, selected_regions, speed_remark
 from bella.plotting.palette import edge_name
 from bella.plotting.spectra import SpectraView, spectra_caption, spectra_figure
 from bella.plotting.svg import as_file, figure_style
-from bella.plotting.timeline import Marked, selection_figure
+from bella.plotting.timeline import DayMark, Marked, OnsetMark, calendar_figure, selection_figure, strips_figure
 
 if TYPE_CHECKING:
     from bella.plotting.aligned import write_aligned_png
@@ -23,7 +24,6 @@ if TYPE_CHECKING:
     from bella.plotting.coverage import write_coverage_png
     from bella.plotting.day import write_spectrum_png
     from bella.plotting.edges import write_edge_figures
-    from bella.plotting.fleet import write_day_png
     from bella.plotting.light_curves import write_light_curves_png
     from bella.plotting.printed import write_constellation_png, write_spectra_png
     from bella.plotting.quick import draw_arrivals, draw_detections, draw_positions, draw_track
@@ -31,12 +31,15 @@ if TYPE_CHECKING:
     from bella.plotting.wind import WindScene, write_wind_map_png
 
 __all__ = [
+    "DayMark",
     "MapView",
     "Marked",
+    "OnsetMark",
     "SpectraView",
     "TrackView",
     "WindScene",
     "as_file",
+    "calendar_figure",
     "comparison_panels",
     "constellation_caption",
     "constellation_figure",
@@ -54,13 +57,14 @@ __all__ = [
     "spectra_caption",
     "spectra_figure",
     "speed_remark",
+    "strips_figure",
     "thumbnail",
     "write_aligned_png",
     "write_calibration_png",
     "write_collapsed_png",
     "write_constellation_png",
     "write_coverage_png",
-    "write_day_png",
+    "write_day_svg",
     "write_density_png",
     "write_edge_figures",
     "write_light_curves_png",
@@ -82,7 +86,6 @@ _DRAWN_IN = {
     "write_collapsed_png": "bella.plotting.collapsed",
     "write_constellation_png": "bella.plotting.printed",
     "write_coverage_png": "bella.plotting.coverage",
-    "write_day_png": "bella.plotting.fleet",
     "write_density_png": "bella.plotting.track",
     "write_edge_figures": "bella.plotting.edges",
     "write_light_curves_png": "bella.plotting.light_curves",

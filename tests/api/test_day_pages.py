@@ -20,6 +20,8 @@ PLACED = "T3-20200721-0300"
 GROUP = {"tier": "catalogued", "reason": "not localisable: heard by 2 of 3 spacecraft, gap_in_flank at SOLO"}
 REFUSED = {"tier": "rejected", "reason": "few_channels_above_0.8_mhz", "burst_id": ""}
 
+DRAWN = '<svg xmlns="http://www.w3.org/2000/svg" class="figure day"><title>day</title></svg>'
+
 
 @pytest.fixture(scope="module")
 def home(tmp_path_factory: pytest.TempPathFactory) -> Settings:
@@ -40,7 +42,7 @@ def home(tmp_path_factory: pytest.TempPathFactory) -> Settings:
         published(settings, catalogue, burst=synthetic_burst())
     figure = settings.day_figure(DAY.day)
     figure.parent.mkdir(parents=True)
-    figure.write_bytes(b"\x89PNG\r\n\x1a\n")
+    figure.write_text(DRAWN)
     return settings
 
 
@@ -95,14 +97,15 @@ def test_bad_questions_are_answered_in_one_line_and_on_the_page(reader: TestClie
 
 def test_the_figure_is_sent_once_and_again_when_it_was_redrawn(reader: TestClient, home: Settings) -> None:
     first = reader.get("/api/v1/days/2020-07-21/figure")
-    assert (first.status_code, first.headers["content-type"]) == (200, "image/png")
+    assert (first.status_code, first.headers["content-type"]) == (200, "image/svg+xml")
     known = {"If-None-Match": first.headers["etag"]}
     assert reader.get("/api/v1/days/2020-07-21/figure", headers=known).status_code == 304
 
-    home.day_figure(DAY.day).write_bytes(b"\x89PNG\r\n\x1a\nredrawn")
+    home.day_figure(DAY.day).write_text(DRAWN.replace("day", "redrawn"))
     again = reader.get("/api/v1/days/2020-07-21/figure", headers=known)
 
-    assert (again.status_code, again.content[8:]) == (200, b"redrawn")
+    assert again.status_code == 200
+    assert ">redrawn</title>" in again.text
     missing = reader.get("/api/v1/days/2020-07-22/figure")
     assert missing.status_code == 404
     assert "bella run --from 2020-07-22" in missing.json()["detail"]
@@ -154,7 +157,7 @@ def test_a_day_shows_bursts_with_why_they_were_not_placed(reader: TestClient) ->
     rejected = text[text.index("<details>") : text.index("</details>")]
     assert "1 rejected candidate<" in rejected
     assert "few channels above 0.8 MHz" in rejected
-    assert 'src="/api/v1/days/2020-07-21/figure"' in text
+    assert DRAWN in text
 
 
 def test_a_day_leads_to_the_searched_days_beside_it(reader: TestClient) -> None:
