@@ -47,6 +47,9 @@ NUMBERS = {
     "frequency": "Frequency (MHz)",
     "area": "68 % area (R☉²)",
 }
+FARTHEST = 1.3
+"""Of the answer: positions farther out are of channels that say nothing."""
+
 MOST_PICTURES = 200
 """Beyond so many rows a list has no pictures of tracks: each is a look into the catalogue."""
 
@@ -124,8 +127,10 @@ def _picture(catalogue: Catalogue, summary: BurstSummary) -> Markup:
     burst, best = summary.burst, summary.preferred
     assert best is not None  # noqa: S101 - the caller has looked
     rows = sorted(catalogue.localisations(best.solution_id), key=lambda row: row.frequency_mhz)
-    places = np.array([(row.x_rsun, row.y_rsun) for row in rows]).reshape(-1, 2)
     answer = best.answer
+    reach = FARTHEST * (answer.range_high_rsun or np.inf)
+    places = np.array([(row.x_rsun, row.y_rsun) for row in rows]).reshape(-1, 2)
+    places = places[np.hypot(*places.T) <= reach]
     ends = None
     if answer.phi0_low_deg is not None and answer.phi0_high_deg is not None:
         ends = (answer.phi0_low_deg, answer.phi0_high_deg)

@@ -17,7 +17,7 @@ from bella.spectra import over_background
 from bella.units import DAY_S, FloatArray
 
 BOX_COLUMNS = ("observatory", "start_utc", "end_utc", "f_low_mhz", "f_high_mhz", "score", "tier", "reason")
-WIDTH, LEFT, RIGHT, PANEL, GAP, FOOT = 1240.0, 44.0, 10.0, 150.0, 26.0, 38.0
+WIDTH, LEFT, RIGHT, PANEL, GAP, FOOT = 1240.0, 44.0, 20.0, 150.0, 26.0, 38.0
 COLUMNS, ROWS = 720, 100
 """Of the picture of a day: two minutes wide, so that the page of four spacecraft stays below 200 kB."""
 

@@ -8,7 +8,7 @@ from bella.plotting.svg import Scale, element, figure, line, words
 from bella.units import DAY_S
 
 WIDTH, HEIGHT = 1240.0, 230.0
-LEFT, RIGHT, TOP, BOTTOM = 48.0, 14.0, 12.0, 40.0
+LEFT, RIGHT, TOP, BOTTOM = 48.0, 22.0, 12.0, 40.0
 LONGITUDE_TICKS_DEG = (-180, -90, 0, 90, 180)
 MARGIN_SHARE, LEAST_SPAN_S = 0.04, 3600.0
 
