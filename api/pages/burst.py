@@ -47,6 +47,8 @@ def burst_page(request: Request, burst_id: str, service: ServiceHere, catalogue:
     links = burst_links(burst)
     spectra, no_spectra = _spectra(looked)
     evolution, residuals = looked.evolution(), looked.residuals()
+    figures = {"constellation": True, "spectra": spectra, "evolution": evolution, "residuals": residuals}
+    drawn = {name for name, figure in figures.items() if figure}
     versions = catalogue.versions(burst_id)
     replaced = {one.supersedes for one in versions}
     return render(
@@ -78,7 +80,7 @@ def burst_page(request: Request, burst_id: str, service: ServiceHere, catalogue:
         history=catalogue.alerts(burst_id=burst_id, origins=tuple(Origin)),
         versions=versions_of(versions),
         sources=sources_of(catalogue, shown.solution_id) if shown else [],
-        downloads=_downloads(links, shown, view, is_placed=evolution is not None) if shown else [],
+        downloads=_downloads(links, shown, view, drawn) if shown else [],
         base_url=str(request.base_url).rstrip("/"),
         **track_page(looked, service.settings),
     )
@@ -113,17 +115,15 @@ def _channel(looked: Looked) -> dict[str, Any]:
 
 
 def _downloads(
-    links: dict[str, str], shown: Solution, view: BurstView, *, is_placed: bool
+    links: dict[str, str], shown: Solution, view: BurstView, drawn: set[str]
 ) -> list[tuple[str, str, list[tuple[str, str]]]]:
     """Rows of words, address, and kinds with the query that asks for each."""
     pick = series_query(shown, with_version=True)
     tables = [(one.name, f"?{pick}&format={one.name}") for one in FORMATS.values() if one.name != NO_TABLE]
-    drawn = f"?{pick}&{urlencode(view.model_dump(exclude_defaults=True, exclude=set(CHOICES)))}".rstrip("&")
-    placed = [("Positions by frequency", links["track"], tables)] if is_placed else []
+    look = f"?{pick}&{urlencode(view.model_dump(exclude_defaults=True, exclude=set(CHOICES)))}".rstrip("&")
+    placed = [("Positions by frequency", links["track"], tables)] if "evolution" in drawn else []
     figures = [
-        (words, f"{links['self']}/figures/{name}", [("SVG", drawn)])
-        for name, words in FIGURES.items()
-        if is_placed or name in {"constellation", "spectra"}
+        (words, f"{links['self']}/figures/{name}", [("SVG", look)]) for name, words in FIGURES.items() if name in drawn
     ]
     return [
         *placed,

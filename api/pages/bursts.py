@@ -13,7 +13,7 @@ from pydantic import ValidationError
 from api.asking import asked_of, fault_words
 from api.drawing import places_of
 from api.freshness import IMMUTABLE
-from api.queries import BurstFilter
+from api.queries import NEWEST_FIRST, BurstFilter
 from api.rendering import render
 from api.schemas import burst_links
 from api.service import CatalogueHere
@@ -97,7 +97,7 @@ def latest(catalogue: CatalogueHere) -> RedirectResponse:
     NoDataError
         If there is none.
     """
-    newest = catalogue.bursts(BurstQuery(limit=1)).bursts
+    newest = catalogue.bursts(BurstQuery(limit=1, sort=NEWEST_FIRST)).bursts
     if not newest:
         raise NoDataError("the catalogue holds no burst yet: run bella run")
     return RedirectResponse(burst_links(newest[0].burst)["page"], 302)

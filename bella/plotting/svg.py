@@ -100,7 +100,7 @@ def figure(name: str, size: tuple[float, float], title: str, *content: str, **at
         xmlns=NAMESPACE,
         viewBox=f"0 0 {number(size[0])} {number(size[1])}",
         class_=f"figure {name}",
-        role="img",
+        role="group" if any("<a " in part for part in content) else "img",  # links in an image are out of reach
         aria_labelledby=f"{name}-said",
         **attributes,
     )
