@@ -68,11 +68,15 @@ class Settings(BaseSettings):
         default=1,
         description="Processes that search days and localise bursts side by side; results do not depend on it.",
     )
-    newest_days: NonNegativeInt = Field(
-        default=3, description="Days before today that are looked at every `days_schedule_s`; earlier ones less often."
+    dask: str = Field(
+        default="",
+        description="Address of a dask scheduler, such as tcp://scheduler:8786, whose workers compute instead of "
+        "processes of this machine. `workers` is then how many days are in work at a time.",
     )
     days_schedule_s: PositiveFloat = Field(
-        default=60.0, description="Interval at which the newest days of the mirror are looked at, s."
+        default=600.0,
+        description="Interval at which a run over the recent days begins, s; until the next one it looks at the mirror "
+        "every two seconds.",
     )
     ingest_schedule_s: PositiveFloat = Field(
         default=300.0, description="Interval at which the archives are asked for what is due, s."
@@ -85,11 +89,8 @@ class Settings(BaseSettings):
     )
     recent_days: NonNegativeInt = Field(
         default=0,
-        description="Days before today that the schedule processes, and again where files are new; 0 for none. "
-        "The last spacecraft's data come after four months.",
-    )
-    recent_schedule_s: PositiveFloat = Field(
-        default=21_600.0, description="Interval at which days before the newest are looked at for later data, s."
+        description="Days before today that the schedule processes as their files come, and again where files are new; "
+        "0 for none. The last spacecraft's data come after four months.",
     )
     draws: PositiveInt = Field(default=4000, description="Posterior draws kept per frequency.")
     seed: int = Field(default=20120607, description="Seed of the posterior draws; stored with every solution.")

@@ -28,7 +28,6 @@ def intervals_s(settings: Settings) -> dict[str, float]:
     return {
         "submissions": settings.schedule_s,
         "days": settings.days_schedule_s,
-        "refinement": settings.recent_schedule_s,
         "mock-burst": settings.mock_schedule_s,
         "housekeeping": settings.housekeeping_schedule_s,
         INGEST: settings.ingest_schedule_s,
@@ -72,10 +71,10 @@ def _deployments(names: Sequence[str], settings: Settings) -> list[Any]:
     from prefect.schedules import Interval  # noqa: PLC0415
 
     from flows.bursts import submissions  # noqa: PLC0415
-    from flows.days import earlier_days, newest_days  # noqa: PLC0415
+    from flows.days import recent_days  # noqa: PLC0415
     from flows.upkeep import housekeeping, ingest, mock_burst  # noqa: PLC0415
 
-    flows = {one.name: one for one in (submissions, newest_days, earlier_days, mock_burst, housekeeping, ingest)}
+    flows = {one.name: one for one in (submissions, recent_days, mock_burst, housekeeping, ingest)}
     alone = ConcurrencyLimitConfig(limit=1, collision_strategy=ConcurrencyLimitStrategy.CANCEL_NEW)
     # counted from now, so that a worker that was away does at once what it missed
     first = datetime.now(UTC) + FIRST_RUN_AFTER

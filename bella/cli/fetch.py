@@ -11,7 +11,7 @@ import typer
 
 from bella.cli.options import AsJson, Home, day_range, settings_of
 from bella.cli.output import answer, new_table, print_json, say, show, steps
-from bella.exceptions import InputError, UnreachableError
+from bella.exceptions import InputError, StoreError, UnreachableError
 
 if TYPE_CHECKING:
     from rich.table import Table
@@ -81,8 +81,10 @@ def _follow(settings: "Settings") -> None:
     from bella.pipeline.alerts import delivering
     from bella.pipeline.ingest import feeds, follow
 
-    if not feeds(settings, datetime.now(UTC).date()):
-        raise InputError("there is nothing to follow: set BELLA_RECENT_DAYS, BELLA_IN_SITU or BELLA_REGIONS")
+    if not (feeds(settings, datetime.now(UTC).date()) or _has_webhooks(settings)):
+        raise InputError(
+            "there is nothing to follow: set BELLA_RECENT_DAYS, BELLA_IN_SITU or BELLA_REGIONS, or add a webhook"
+        )
     open_archive(settings.archive)  # a wrong address ends it now, and does not fail every minute
     log_to(None)
     alive = settings.mirror_root / ".alive"
@@ -93,6 +95,16 @@ def _follow(settings: "Settings") -> None:
         raise InputError(f"mirror {alive.parent} cannot be written ({error.strerror}); correct BELLA_HOME") from error
     with delivering(settings):  # of the services this one alone has a way out
         follow(settings, _beat(alive))
+
+
+def _has_webhooks(settings: "Settings") -> bool:
+    from bella.catalogue import Catalogue
+
+    try:
+        with Catalogue.open(settings.catalogue_url) as catalogue:
+            return bool(catalogue.webhooks())
+    except StoreError:  # there is no catalogue yet, so nobody has added one
+        return False
 
 
 def _beat(alive: Path) -> "Callable[[], None]":

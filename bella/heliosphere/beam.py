@@ -15,6 +15,8 @@ from bella.units import C_RSUN_S, R_SUN_KM, FloatArray
 TRAVEL_NODES = 12
 """Nodes of the travel integral: nine digits out to 1 au."""
 
+TRAVEL_RULE = np.polynomial.legendre.leggauss(TRAVEL_NODES)
+
 
 def spiral_path_rsun(
     range_rsun: FloatArray, v_sw_km_s: float | FloatArray, rotation_period_d: float = SIDEREAL_ROTATION_D
@@ -110,7 +112,7 @@ def slowing_travel_s(
     k = angular_speed_rad_s(rotation_period_d) * R_SUN_KM / v_sw_km_s
     log_range = np.log(np.asarray(range_rsun, dtype=np.float64))
     total = np.zeros(np.broadcast_shapes(log_range.shape, np.shape(beam_speed_c), np.shape(deceleration), np.shape(k)))
-    for node, weight in zip(*np.polynomial.legendre.leggauss(TRAVEL_NODES), strict=True):
+    for node, weight in zip(*TRAVEL_RULE, strict=True):
         at = 0.5 * (1 + node) * log_range
         total += weight * np.exp((1 + deceleration) * at) * np.sqrt(1 + (k * np.exp(at)) ** 2)
     return np.asarray(0.5 * log_range * total / (beam_speed_c * C_RSUN_S))

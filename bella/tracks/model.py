@@ -244,9 +244,18 @@ class Track:
         """Delay of a receiver that the source does not point to, over the half width of the rise, shape (...)."""
         return np.asarray(self.model.delay.kappa + self.model.delay.kappa_sd * z[..., self.winds])
 
+    @cached_property
+    def _bases(self) -> dict[bytes, FloatArray]:
+        """Values of the splines by the frequencies that they were computed for: a fit asks for the same ones again."""
+        return {}
+
     def basis(self, frequency_mhz: FloatArray) -> FloatArray:
         """Values of the splines at frequencies, shape (F, coefficients)."""
-        return np.asarray(BSpline.design_matrix(np.log(frequency_mhz), self._knots, 3, extrapolate=True).toarray())
+        name = frequency_mhz.tobytes()
+        if name not in self._bases:
+            matrix = BSpline.design_matrix(np.log(frequency_mhz), self._knots, 3, extrapolate=True)
+            self._bases[name] = np.asarray(matrix.toarray())
+        return self._bases[name]
 
     def range_rsun(self, z: FloatArray, basis: FloatArray) -> FloatArray:
         """Distance of the source from the Sun, solar radii.
@@ -341,16 +350,19 @@ class Track:
         slopes[:, self.winds + 1 + spline.shape[1] :] = 0.0
         slopes[:, -1] = by_turn
         if self.model.emission != "free":
-            self._add_beam(slopes, z, basis)
+            self._add_beam(slopes, z, range_rsun, spline)
         return slopes
 
-    def _add_beam(self, slopes: FloatArray, z: FloatArray, basis: FloatArray) -> None:
-        """Add the derivatives of the travel of the beam, by differences."""
-        now = self.beam_s(z, self.range_rsun(z, basis))
-        for place in range(self.size):
+    def _add_beam(self, slopes: FloatArray, z: FloatArray, range_rsun: FloatArray, spline: FloatArray) -> None:
+        """Add the derivatives of the travel of the beam, by differences: by the distance, by its own, by the wind."""
+        now = self.beam_s(z, range_rsun)
+        by_log_range = (self.beam_s(z, range_rsun * math.exp(STEP)) - now) / STEP
+        first, end = self.winds + 1, self.winds + 1 + spline.shape[1]
+        slopes[:, first:end] += by_log_range[:, None] * spline.T
+        for place in (*range(self.winds), *range(end, self.size)):
             moved = z.copy()
             moved[:, place] += STEP
-            slopes[:, place] += (self.beam_s(moved, self.range_rsun(moved, basis)) - now) / STEP
+            slopes[:, place] += (self.beam_s(moved, range_rsun) - now) / STEP
 
     def position_rsun(self, phi0_rad: FloatArray, z: FloatArray, range_rsun: FloatArray) -> FloatArray:
         """Position of the source, HEE, shape (..., F, 3)."""

@@ -12,7 +12,7 @@ from bella.settings import Settings
 from flows import serve
 from flows.tasks import answering
 
-NAMES = {"submissions", "days", "refinement", "mock-burst", "housekeeping", "ingest"}
+NAMES = {"submissions", "days", "mock-burst", "housekeeping", "ingest"}
 
 
 def deployments(settings: Settings) -> list[Any]:
@@ -22,7 +22,7 @@ def deployments(settings: Settings) -> list[Any]:
 
 
 def test_every_deployment_runs_once_at_a_time_and_missed_runs_are_one() -> None:
-    settings = Settings(schedule_s=7.0, recent_schedule_s=11.0)
+    settings = Settings(schedule_s=7.0, days_schedule_s=11.0)
     assert set(serve.intervals_s(settings)) == NAMES
     found = {one.flow_name: one for one in deployments(settings)}
     assert set(found) == NAMES
@@ -34,7 +34,7 @@ def test_every_deployment_runs_once_at_a_time_and_missed_runs_are_one() -> None:
         (schedule,) = one.schedules
         assert schedule.schedule.interval.total_seconds() == serve.intervals_s(settings)[name]
     assert serve.intervals_s(settings)["submissions"] == 7.0
-    assert serve.intervals_s(settings)["refinement"] == 11.0
+    assert serve.intervals_s(settings)["days"] == 11.0
 
 
 def test_a_deployment_that_is_not_there_is_refused() -> None:

@@ -4,7 +4,10 @@ import hashlib
 import hmac
 import ipaddress
 import json
+import os
 import socket
+import subprocess
+import sys
 import threading
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
@@ -327,8 +330,27 @@ def test_alerts_are_sent_beside_other_work_until_it_ends(service: Service, recei
     assert receiver.sequences == [1]
 
 
+def test_follow_sends_alerts_where_nothing_is_fetched(service: Service, receiver: Receiver, tmp_path: Path) -> None:
+    service.publish("h1")
+    environment = {
+        "PATH": os.environ["PATH"],
+        "BELLA_HOME": str(service.settings.home),
+        "BELLA_ARCHIVE": str(tmp_path),
+        "BELLA_RECENT_DAYS": "0",
+        "BELLA_PRIVATE_WEBHOOKS": "true",
+        "BELLA_HORIZONS_URL": f"{receiver.address}/none",
+    }
+    bella = str(Path(sys.executable).with_name("bella"))
+    with subprocess.Popen([bella, "fetch", "--follow"], env=environment) as process:
+        try:
+            _until(lambda: receiver.sequences == [1])
+        finally:
+            process.terminate()
+    assert process.returncode == 0
+
+
 def _until(is_so: Callable[[], bool]) -> None:
-    for _ in range(1000):
+    for _ in range(3000):
         if is_so():
             return
         threading.Event().wait(0.02)

@@ -1,0 +1,166 @@
+"""Watch over the mirror: what came last is processed first, what failed again, what is done not at all."""
+
+import os
+from collections.abc import Sequence
+from concurrent.futures import Future
+from contextlib import closing
+from datetime import date, timedelta
+from pathlib import Path
+
+import pytest
+
+import bella
+from bella.archive import find_datasets
+from bella.catalogue import Catalogue, SearchedDay
+from bella.exceptions import BellaError, InputError
+from bella.pipeline import watch as room
+from bella.pipeline.day import KnownBurst
+from bella.pipeline.day_files import DayFiles
+from bella.pipeline.outcome import FAILED, SEARCHED, DayOutcome
+from bella.pipeline.run import Run
+from bella.pipeline.watch import Watch, folder_times, watch_days
+from bella.pipeline.workers import Workers
+from bella.records import DayAnswer
+from bella.settings import Settings
+from tests.archive.server import cdf
+
+(WIND,) = find_datasets(["WI_H1_WAV"])
+TODAY = date(2021, 11, 20)
+DAY = timedelta(days=1)
+
+
+class Noted:
+    """Executor that notes which days are processed, and says what became of them."""
+
+    def __init__(self, state: str = SEARCHED, error: BellaError | None = None) -> None:
+        self.days: list[date] = []
+        self.state, self.error = state, error
+
+    def fetch(self, days: Sequence[date], archive: str, settings: Settings) -> tuple[str, ...]:
+        raise AssertionError(f"{archive} was asked for {days}: that is the fetcher's part ({settings.home})")
+
+    def submit(self, files: DayFiles, known: Sequence[KnownBurst], run: Run) -> "Future[DayOutcome]":
+        assert known == ()
+        self.days.append(files.day)
+        future: Future[DayOutcome] = Future()
+        if self.error is not None:
+            future.set_exception(self.error)
+            return future
+        with closing(Catalogue.open(run.settings.catalogue_url)) as catalogue:
+            done = SearchedDay(files.day, files.inputs_hash, bella.__version__, ("WIND",), DayAnswer.NO_BURST, "")
+            with catalogue.lease("search", f"{files.day}", run.run_id, 10.0) as lease:
+                catalogue.record_day(done, (), lease)
+        future.set_result(DayOutcome(files.day, self.state, DayAnswer.NO_BURST))
+        return future
+
+
+def settings_of(home: Path, recent_days: int = 9) -> Settings:
+    return Settings(home=home, recent_days=recent_days, in_situ=None, regions=None)
+
+
+def run_of(settings: Settings, workers: int = 1) -> Run:
+    return Run(settings, "watch", Workers(workers, settings))
+
+
+def arrive(settings: Settings, day: date, seed: int = 0) -> None:
+    folder = settings.mirror_root / WIND.folders(day)[0]
+    folder.mkdir(parents=True, exist_ok=True)
+    staged = folder / ".staged"
+    staged.write_bytes(cdf(seed))
+    staged.replace(folder / f"wi_h1_wav_{day:%Y%m%d}_v01.cdf")
+
+
+def test_the_day_whose_file_came_last_is_next(tmp_path: Path) -> None:
+    settings, executor = settings_of(tmp_path), Noted()
+    for before in (1, 5, 3):
+        arrive(settings, TODAY - before * DAY)
+    watch = Watch(run_of(settings), executor)
+    assert watch.step(TODAY)
+    assert executor.days == [TODAY - 3 * DAY]
+    arrive(settings, TODAY - 7 * DAY)
+    assert watch.step(TODAY)
+    assert executor.days[1:] == [TODAY - 7 * DAY]
+    assert watch.step(TODAY)
+    assert not watch.step(TODAY)
+    assert executor.days[2:] == [TODAY - 5 * DAY, TODAY - 1 * DAY]
+    assert not watch.step(TODAY)
+    assert len(executor.days) == 4
+    found = {one.day: one.answer for one in watch.outcomes}
+    assert list(found) == [TODAY - before * DAY for before in range(9, -1, -1)]
+    assert found[TODAY - 7 * DAY] is DayAnswer.NO_BURST
+    assert found[TODAY] is DayAnswer.ARCHIVE_SILENT
+
+
+def test_a_replaced_file_is_new_and_days_before_the_recent_ones_are_not_looked_at(tmp_path: Path) -> None:
+    settings, executor = settings_of(tmp_path, recent_days=2), Noted()
+    arrive(settings, TODAY - 2 * DAY)
+    arrive(settings, TODAY - 3 * DAY)
+    watch = Watch(run_of(settings), executor)
+    assert not watch.step(TODAY)
+    arrive(settings, TODAY - 2 * DAY, 1)
+    assert not watch.step(TODAY)
+    assert executor.days == [TODAY - 2 * DAY] * 2
+
+
+def test_as_many_days_at_a_time_as_there_are_workers_and_no_day_that_is_done(tmp_path: Path) -> None:
+    settings, executor = settings_of(tmp_path), Noted()
+    for before in (4, 3, 2):
+        arrive(settings, TODAY - before * DAY)
+    assert Watch(run_of(settings, 2), executor).step(TODAY)
+    assert executor.days == [TODAY - 3 * DAY, TODAY - 2 * DAY]
+    assert not Watch(run_of(settings, 2), executor).step(TODAY)
+    assert executor.days[2:] == [TODAY - 4 * DAY]
+
+
+def test_a_day_that_failed_is_tried_again_after_a_while(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    settings, executor = settings_of(tmp_path), Noted(error=InputError("the disk is full"))
+    arrive(settings, TODAY)
+    watch = Watch(run_of(settings), executor)
+    assert not watch.step(TODAY)
+    assert not watch.step(TODAY)
+    assert executor.days == [TODAY]
+    assert watch.outcomes[-1].state == FAILED
+    monkeypatch.setattr(room, "RETRY_S", -1.0)
+    watch = Watch(run_of(settings), executor)
+    watch.step(TODAY)
+    executor.error = None
+    watch.step(TODAY)
+    assert executor.days == [TODAY] * 3
+    assert watch.outcomes[-1].state == SEARCHED
+    watch.step(TODAY)
+    assert len(executor.days) == 3
+
+
+def test_a_database_that_is_away_is_asked_again_until_the_time_is_over(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(room, "LOOK_S", 0.01)
+    away = settings_of(tmp_path / "away").model_copy(update={"database_url": "postgresql+psycopg://x@127.0.0.1:9/x"})
+    said: list[str] = []
+    monkeypatch.setattr(room.log, "warning", lambda event, **_: said.append(event))
+    with pytest.raises(BellaError, match="cannot be reached"):
+        watch_days(run_of(away), Noted(), 0.5)
+    assert said
+    foreign = tmp_path / "foreign.sqlite"
+    foreign.write_bytes(os.urandom(5000))
+    wrong = settings_of(tmp_path / "wrong").model_copy(update={"database_url": f"sqlite:///{foreign}"})
+    said.clear()
+    with pytest.raises(BellaError):
+        watch_days(run_of(wrong), Noted(), 60.0)
+    assert not said
+
+
+def test_what_is_there_is_looked_at_even_where_no_time_is_left(tmp_path: Path) -> None:
+    found = watch_days(run_of(settings_of(tmp_path, recent_days=1)), Noted(), 0.0)
+    assert [one.answer for one in found] == [DayAnswer.ARCHIVE_SILENT] * 2
+
+
+def test_folders_of_winds_and_regions_are_looked_at_too(tmp_path: Path) -> None:
+    settings = settings_of(tmp_path).model_copy(update={"in_situ": tmp_path / "in-situ", "regions": tmp_path / "none"})
+    below = tmp_path / "in-situ" / "omni"
+    below.mkdir(parents=True)
+    before = folder_times([TODAY], settings)
+    assert set(before) == {tmp_path / "in-situ", below}
+    (below / "omni2_2021.dat").touch()
+    os.utime(below, ns=(1, 1))
+    assert folder_times([TODAY], settings) != before
