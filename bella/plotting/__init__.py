@@ -14,7 +14,7 @@ from bella.plotting.fleet import write_day_svg
 from bella.plotting.geometry import TrackView, polar_track, selected_regions, speed_remark
 from bella.plotting.palette import edge_name
 from bella.plotting.spectra import SpectraView, spectra_caption, spectra_figure
-from bella.plotting.svg import as_file, figure_style
+from bella.plotting.svg import as_file, figure_style, write_figure
 from bella.plotting.timeline import DayMark, Marked, OnsetMark, calendar_figure, selection_figure, strips_figure
 
 if TYPE_CHECKING:
@@ -25,7 +25,6 @@ if TYPE_CHECKING:
     from bella.plotting.day import write_spectrum_png
     from bella.plotting.edges import write_edge_figures
     from bella.plotting.light_curves import write_light_curves_png
-    from bella.plotting.printed import write_constellation_png, write_spectra_png
     from bella.plotting.quick import draw_arrivals, draw_detections, draw_positions, draw_track
     from bella.plotting.track import write_density_png, write_polar_fit_png
     from bella.plotting.wind import WindScene, write_wind_map_png
@@ -62,14 +61,13 @@ __all__ = [
     "write_aligned_png",
     "write_calibration_png",
     "write_collapsed_png",
-    "write_constellation_png",
     "write_coverage_png",
     "write_day_svg",
     "write_density_png",
     "write_edge_figures",
+    "write_figure",
     "write_light_curves_png",
     "write_polar_fit_png",
-    "write_spectra_png",
     "write_spectrum_png",
     "write_wind_map_png",
 ]
@@ -84,13 +82,11 @@ _DRAWN_IN = {
     "write_aligned_png": "bella.plotting.aligned",
     "write_calibration_png": "bella.plotting.calibration",
     "write_collapsed_png": "bella.plotting.collapsed",
-    "write_constellation_png": "bella.plotting.printed",
     "write_coverage_png": "bella.plotting.coverage",
     "write_density_png": "bella.plotting.track",
     "write_edge_figures": "bella.plotting.edges",
     "write_light_curves_png": "bella.plotting.light_curves",
     "write_polar_fit_png": "bella.plotting.track",
-    "write_spectra_png": "bella.plotting.printed",
     "write_spectrum_png": "bella.plotting.day",
     "write_wind_map_png": "bella.plotting.wind",
 }

@@ -13,16 +13,18 @@ from bella.answer import written_68
 from bella.flags import APPARENT_SOURCE
 from bella.heliosphere import spiral_longitude_deg
 from bella.plotting.geometry import (
+    PERCENTS,
     PolarTrack,
     TrackView,
+    band_outline,
     nearest_index,
     polar_track,
     receiver_positions,
     region_outline,
+    spiral_band,
     spread_indices,
 )
 from bella.plotting.palette import FREQUENCY_TICKS_MHZ, TrackStyle, edge_name, track_style
-from bella.plotting.spiral_band import PERCENTS, band_outline, spiral_band
 from bella.plotting.svg import Scale, colour_at, element, figure, line, number, path, round_step, words
 from bella.records import Interval
 from bella.spacecraft import cartesian, hee_from, position

@@ -9,10 +9,11 @@ import numpy as np
 import pandas as pd
 import xarray as xr
 
-from bella.exceptions import InputError, NoDataError
+from bella.exceptions import NoDataError
 from bella.flags import LOCALISABLE, REJECTED
 from bella.plotting.palette import BRIGHTNESS_SCALE, FREQUENCY_TICKS_MHZ
-from bella.plotting.svg import Scale, element, figure, line, picture, time_of_day, unix_s, words
+from bella.plotting.printed import require_columns
+from bella.plotting.svg import Scale, element, figure, line, picture, time_of_day, unix_s, words, write_whole
 from bella.spectra import over_background
 from bella.units import DAY_S, FloatArray
 
@@ -54,9 +55,7 @@ def write_day_svg(path: Path, day: date, spectra: Sequence[xr.Dataset], detectio
     NoDataError
         If no spectrum is of the day.
     """
-    missing = [name for name in BOX_COLUMNS if name not in detections.columns]
-    if missing:
-        raise InputError(f"detection table: column {missing[0]} is missing; needed are {', '.join(BOX_COLUMNS)}")
+    require_columns(detections, BOX_COLUMNS, "detection table")
     midnight = np.datetime64(day, "ns")
     until = midnight + np.timedelta64(1, "D")
     parts = [one.sel(time=slice(midnight, until - np.timedelta64(1, "ns"))) for one in spectra]
@@ -73,10 +72,7 @@ def write_day_svg(path: Path, day: date, spectra: Sequence[xr.Dataset], detectio
     title = f"Dynamic spectra of {names} on {day} with {len(detections)} detections outlined."
     drawn_day = figure("day", (WIDTH, height), title, *drawn, *_hours(time, height - FOOT))
     # without a style of its own: it becomes a part of the page
-    path.parent.mkdir(parents=True, exist_ok=True)
-    staged = path.with_name(f".{path.name}.part")
-    staged.write_text(drawn_day, encoding="utf-8")
-    staged.replace(path)
+    write_whole(path, drawn_day)
 
 
 def _panel(over: xr.Dataset, time: Scale, top: float, detections: pd.DataFrame) -> Iterator[str]:

@@ -131,10 +131,13 @@ def test_figures_are_pictures(first_run: FirstRun) -> None:
     ]
     fits = [f"{name}-{one}.png" for name in ("polar-fit", "density") for one in series]
     profile = "shared-profile-shared_profile.posterior.default.2d.v1.png"
-    for name in ("constellation-posterior-default.png", "spectra.png", profile, *fits):
+    for name in ("constellation-posterior-default.svg", "spectra.svg", profile, *fits):
         path = sandbox.home / "figures" / BURST / name
         assert str(path) in done.stdout
         content = path.read_bytes()
+        if path.suffix == ".svg":
+            assert content.startswith(b"<svg ")
+            continue
         assert content[:8] == b"\x89PNG\r\n\x1a\n"
         assert min(struct.unpack(">II", content[16:24])) > 500
 
@@ -197,7 +200,7 @@ def test_second_run_changes_nothing(first_run: FirstRun) -> None:
 def test_figure_that_a_killed_run_did_not_draw_is_drawn_by_the_next(first_run: FirstRun) -> None:
     sandbox, _ = first_run
     constellation, spectra = (
-        sandbox.home / "figures" / BURST / name for name in ("constellation-posterior-default.png", "spectra.png")
+        sandbox.home / "figures" / BURST / name for name in ("constellation-posterior-default.svg", "spectra.svg")
     )
     spectra.unlink()
     os.utime(constellation, (0, 0))
@@ -212,10 +215,10 @@ def test_other_preset_is_another_series_and_leaves_the_answer_as_it_was(direct_r
     before = rows_of(sandbox)
     answer = sandbox.bella("catalogue", "list", "--json").stdout
     figures = sandbox.home / "figures" / BURST
-    kept = (figures / "constellation-posterior-default.png").read_bytes()
+    kept = (figures / "constellation-posterior-default.svg").read_bytes()
     done = sandbox.bella("run", "--direct", "--preset", "bella-2024", "--json")
-    assert (figures / "constellation-posterior-bella-2024.png").read_bytes() != kept
-    assert (figures / "constellation-posterior-default.png").read_bytes() == kept
+    assert (figures / "constellation-posterior-bella-2024.svg").read_bytes() != kept
+    assert (figures / "constellation-posterior-default.svg").read_bytes() == kept
     rows = json.loads(done.stdout)
     assert [(row["new"], row["preferred"]) for row in rows] == [(True, False)] * 4
     after = rows_of(sandbox)

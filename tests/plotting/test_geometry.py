@@ -6,13 +6,12 @@ import xarray as xr
 
 from bella.plotting import polar_track, speed_remark
 from bella.plotting.geometry import (
-    fitted_spiral,
     nearest_index,
     receiver_positions,
     region_outline,
     spread_indices,
 )
-from tests.plotting.synthetic import synthetic_posterior, synthetic_track, synthetic_track_fit
+from tests.plotting.synthetic import synthetic_posterior
 
 
 def one_point(x: float, y: float, xx: float, xy: float, yy: float) -> xr.Dataset:
@@ -53,12 +52,6 @@ def test_nearest_channel_is_nearest_in_log_frequency() -> None:
     assert nearest_index(np.array([0.1, 1.0, 10.0]), 3.0) == 1
     assert nearest_index(np.array([0.1, 1.0, 10.0]), 3.3) == 2
     assert nearest_index(np.array([0.1, 1.0, 10.0]), 1e-9) == 0
-
-
-def test_spiral_is_where_the_synthetic_track_was_put() -> None:
-    truth = synthetic_track("gauss_hermite", np.array([0.15, 0.5, 2.0]))
-    spiral = fitted_spiral(synthetic_track_fit(), np.hypot(*truth.T))
-    np.testing.assert_allclose(spiral, truth, atol=1e-9)
 
 
 def test_receivers_are_averaged_over_the_channels_that_heard_the_burst() -> None:

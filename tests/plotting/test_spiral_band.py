@@ -11,8 +11,7 @@ from matplotlib.figure import Figure
 from bella.heliosphere import spiral_longitude_deg
 from bella.plotting import write_polar_fit_png
 from bella.plotting.constellation import MapView, constellation_figure
-from bella.plotting.geometry import TrackView
-from bella.plotting.spiral_band import PERCENTS, SpiralBand, band_outline, spiral_band
+from bella.plotting.geometry import PERCENTS, SpiralBand, TrackView, band_outline, spiral_band
 from bella.plotting.track import _draw_band
 from bella.tracks import fit_track, with_joint_draws
 from tests.plotting.reading import of_class, parsed
