@@ -8,7 +8,7 @@ from urllib.parse import urlencode
 
 from pydantic import BaseModel, ConfigDict, Field
 
-from api.calibration_section import CalibrationReply, calibration_of
+from api.calibration import CalibrationReply, calibration_of
 from api.wording import APPARENT_SOURCE
 from bella.catalogue import (
     UNSEARCHED,

@@ -7,7 +7,7 @@ from fastapi import APIRouter, Request
 from fastapi.responses import HTMLResponse
 from markupsafe import Markup
 
-from api.calibration_section import calibration_of
+from api.calibration import calibration_of
 from api.drawing import BurstView, Looked
 from api.pages.track import track_page
 from api.queries import CHOICES
