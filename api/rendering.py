@@ -48,7 +48,7 @@ def render(
     HTMLResponse
     """
     text = (
-        _environment()
+        environment()
         .get_template(template)
         .render(path=request.url.path, query=request.query_params.multi_items(), status=status, **values)
     )

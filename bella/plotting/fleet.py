@@ -69,7 +69,9 @@ def write_day_svg(path: Path, day: date, spectra: Sequence[xr.Dataset], detectio
         part for row, over in enumerate(shown) for part in _panel(over, time, GAP + row * (PANEL + GAP), detections)
     ]
     names = ", ".join(str(over.attrs["observatory"]) for over in shown)
-    title = f"Dynamic spectra of {names} on {day} with {len(detections)} detections outlined."
+    rejected = int((detections["tier"] == REJECTED).sum())
+    counts = f"{len(detections) - rejected} detections and {rejected} rejected candidates"
+    title = f"Dynamic spectra of {names} on {day} with {counts} outlined."
     drawn_day = figure("day", (WIDTH, height), title, *drawn, *_hours(time, height - FOOT))
     # without a style of its own: it becomes a part of the page
     write_whole(path, drawn_day)
