@@ -102,7 +102,7 @@ def test_the_figure_is_sent_once_and_again_when_it_was_redrawn(reader: TestClien
     known = {"If-None-Match": first.headers["etag"]}
     assert reader.get("/api/v1/days/2020-07-21/figure", headers=known).status_code == 304
 
-    home.day_figure(DAY.day).write_text(DRAWN.replace("day", "redrawn"))
+    home.day_figure(DAY.day).write_text(DRAWN.replace(">day<", ">redrawn<"))
     again = reader.get("/api/v1/days/2020-07-21/figure", headers=known)
 
     assert again.status_code == 200
