@@ -1,5 +1,6 @@
 """What the replies hold. Every time is UTC, every position HEE in solar radii."""
 
+from collections.abc import Sequence
 from dataclasses import asdict
 from datetime import date, datetime, timedelta
 from math import isnan
@@ -9,7 +10,8 @@ from urllib.parse import urlencode
 from pydantic import BaseModel, ConfigDict, Field
 from typing_extensions import TypeAliasType
 
-from api.calibration_section import CalibrationReply, calibration_of
+from api.calibration import CalibrationReply, calibration_of
+from api.event_section import LinkedEventReply
 from api.links import linked
 from api.wording import APPARENT_SOURCE
 from bella.catalogue import (
@@ -23,6 +25,7 @@ from bella.catalogue import (
     Solution,
     Submission,
 )
+from bella.linked_events import Link
 from bella.records import REAL_ORIGINS, DayAnswer, JointTrack, Origin
 
 API = "/api/v1"
@@ -340,11 +343,14 @@ class BurstReply(Reply):
     preferred_solution: str | None
     preference: PreferenceReply | None
     solutions: list[SolutionReply]
+    events: list[LinkedEventReply] | None = Field(
+        None, description="Published events near the burst, the nearest first; null in lists of bursts."
+    )
     links: dict[str, str]
 
     @classmethod
-    def of(cls, summary: BurstSummary) -> "BurstReply":
-        """Reply for a burst of the catalogue."""
+    def of(cls, summary: BurstSummary, near: Sequence[Link] | None = None) -> "BurstReply":
+        """Reply for a burst of the catalogue, with the events near it where these are given."""
         burst, kept, preferred = summary.burst, summary.preference, summary.preferred
         said = said_of(preferred) if preferred else dict.fromkeys(Said.model_fields)
         if burst.retracted:
@@ -367,6 +373,7 @@ class BurstReply(Reply):
             updated_utc=burst.updated_utc,
             retracted=RetractionReply.of(burst.retracted),
             solutions=[SolutionReply.of(solution) for solution in summary.solutions],
+            events=None if near is None else [LinkedEventReply.near(one) for one in near],
             links=burst_links(burst),
         )
 
@@ -508,13 +515,6 @@ class RegionReply(Reply):
     region95: OutlineReply
 
 
-class FigureReply(Reply):
-    """A figure in the JSON form of plotly."""
-
-    data: list[dict[str, Json]]
-    layout: dict[str, Json]
-
-
 class TableColumnReply(Reply):
     """A column of a table."""
 
@@ -610,7 +610,7 @@ def day_links(day: date, origin: Origin = Origin.ARCHIVE) -> dict[str, str]:
 def burst_links(burst: Burst) -> dict[str, str]:
     """Addresses of everything about a burst."""
     base = linked(f"{API}/bursts/{burst.burst_id}")
-    parts = ("versions", "track", "posterior")
+    parts = ("versions", "track", "posterior", "events")
     figures = {f"figure_{name}": f"{base}/figures/{name}" for name in ("constellation", "spectra")}
     return {
         "self": base,

@@ -9,7 +9,7 @@ from fastapi import Request, Response
 from pydantic import BaseModel, Field, WithJsonSchema
 
 from api.errors import NotAcceptableError
-from api.queries import BurstFilter, DetectionFilter, SolutionChoice
+from api.queries import BurstFilter, DetectionFilter, EventFilter, SolutionChoice
 from api.wording import APPARENT_SOURCE
 from bella.catalogue import BurstPage, BurstQuery, BurstSummary, Catalogue, Detection, Solution
 from bella.exceptions import InputError
@@ -73,6 +73,12 @@ class DetectionTableFilter(DetectionFilter):
     """Which detections are asked for, and in which format."""
 
     format: FormatName = FORMAT
+
+
+class EventTableFilter(EventFilter):
+    """Which published events are asked for, and in which format."""
+
+    format: str | None = FORMAT
 
 
 class TableChoice(SolutionChoice):

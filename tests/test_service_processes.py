@@ -27,8 +27,8 @@ from tests.waiting import PATIENCE_S, until
 pytestmark = pytest.mark.service
 
 SERVED = ("prefect", "worker", "api")
-SCHEDULES = {"BELLA_SCHEDULE_S": "10", "BELLA_DAYS_SCHEDULE_S": "3600", "BELLA_LEASE_S": "30", "BELLA_DRAWS": "200"}
-"""Submissions are asked for often, since each run that finds nothing costs a start of Python and Prefect, not more."""
+SCHEDULES = {"BELLA_SCHEDULE_S": "30", "BELLA_DAYS_SCHEDULE_S": "3600", "BELLA_LEASE_S": "30", "BELLA_DRAWS": "200"}
+"""A run that finds nothing starts Python and Prefect: with no pause between them a busy machine does nothing else."""
 
 ASKED_AFTER_S = 1.0
 CLIENT = httpx.Client(trust_env=False, timeout=PATIENCE_S)

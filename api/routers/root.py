@@ -113,7 +113,7 @@ def docs(request: Request) -> HTMLResponse:
     groups: dict[str, list[Operation]] = {}
     for tag, operation in operations(described):
         groups.setdefault(tag, []).append(operation)
-    page = render(request, "api.html", groups=groups, openapi=OPENAPI, schemas=_schemas(described))
+    page = render(request, "api_reference.html", groups=groups, openapi=OPENAPI, schemas=_schemas(described))
     page.headers["Vary"] = "Accept"
     return page
 

@@ -5,7 +5,7 @@ from typing import Annotated, Literal
 from fastapi import APIRouter, Query, Request, Response
 from fastapi.responses import FileResponse
 
-from api.calibration_section import CalibrationReply, calibration_of
+from api.calibration import CalibrationReply, calibration_of
 from api.freshness import IMMUTABLE
 from api.queries import SolutionFilter, SolutionId, SourceFilter
 from api.schemas import (

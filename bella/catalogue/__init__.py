@@ -6,6 +6,7 @@ require_extra("sqlalchemy")
 
 from bella.catalogue.catalogue import Catalogue
 from bella.catalogue.detections import UNSEARCHED
+from bella.catalogue.events import EventPage, EventQuery, KnownEvent, ListRead, PublishedEvents
 from bella.catalogue.leases import Lease
 from bella.catalogue.observability import FleetMap, ObservedDay, ReceiverDay
 from bella.catalogue.operation import Freshness, Latency, MockRun, Operation, SolutionTimes, Work
@@ -61,18 +62,23 @@ __all__ = [
     "Detection",
     "DetectionPage",
     "DetectionQuery",
+    "EventPage",
+    "EventQuery",
     "FleetMap",
     "Freshness",
     "Held",
+    "KnownEvent",
     "KnownSource",
     "Latency",
     "Lease",
+    "ListRead",
     "Localisation",
     "MockRun",
     "ObservedDay",
     "Operation",
     "Preference",
     "Publication",
+    "PublishedEvents",
     "ReceiverDay",
     "Retraction",
     "SearchedDay",

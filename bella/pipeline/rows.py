@@ -9,7 +9,7 @@ from typing import TypeVar
 import numpy as np
 import xarray as xr
 
-from bella.catalogue import BurstQuery, BurstSummary, Catalogue, DaySummary, Solution, SolutionTimes
+from bella.catalogue import BurstQuery, BurstSummary, Catalogue, DaySummary, KnownEvent, Solution, SolutionTimes
 from bella.exceptions import InputError
 from bella.formats import track_numbers
 
@@ -143,6 +143,17 @@ def latency_row(solution_id: str, times: SolutionTimes) -> Row:
         since = getattr(times, f"{step}_utc")
         row[f"{step}_to_published_s"] = None if since is None else (times.published_utc - since).total_seconds()
     return row
+
+
+def event_rows(catalogue: Catalogue, known: KnownEvent) -> Iterator[Row]:
+    """Rows of a published event, one for each burst that it is near to; one row without a burst where there is none."""
+    own = asdict(known.event) | {"observatory": known.event.observer}
+    if not known.bursts:
+        yield own
+    for burst_id, delay_s in known.bursts.items():
+        preferred = catalogue.burst(burst_id).preferred
+        said = {**preferred.answer.model_dump(), "solution_id": preferred.solution_id} if preferred else {}
+        yield {**said, **own, "burst_id": burst_id, "delay_s": delay_s}
 
 
 def _series(solution: Solution) -> Row:

@@ -12,9 +12,21 @@ from tests.plotting.synthetic import BURST_ID
 
 OPERATIONS = {
     *("alerts", "alerts_feed", "alerts_schema", "alerts_stream", "arrivals", "burst", "bursts", "calibration"),
-    *("constellation", "day", "day_figure", "days", "detections", "figure", "files", "health", "health_of_api"),
+    *(
+        "burst_events",
+        "burst_figure",
+        "day",
+        "events",
+        "day_figure",
+        "days",
+        "detections",
+        "figure",
+        "files",
+        "health",
+        "health_of_api",
+    ),
     *("known_quirks", "latest_burst", "localisations", "observability", "observability_of_day", "posterior"),
-    *("posterior_file", "regions", "root", "solution", "solutions", "spectra", "status", "submission", "submit"),
+    *("posterior_file", "regions", "root", "solution", "solutions", "status", "submission", "submit"),
     *("track", "tracks", "versions", "withdraw"),
 }
 """Names that clients are generated from: one that goes, or is changed, breaks them."""
