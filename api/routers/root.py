@@ -137,7 +137,8 @@ def operations(described: Mapping[str, Any]) -> Iterator[tuple[str, Operation]]:
 
 def _parameter(described: Mapping[str, Any], one: Mapping[str, Any]) -> Parameter:
     schema = one["schema"]
-    example = next(iter(one.get("examples") or schema.get("examples") or ()), "")
+    known = schema.get("enum", ()) if one["in"] == "path" else ()
+    example = next(iter(one.get("examples") or schema.get("examples") or known), "")
     if isinstance(example, list):
         example = example[0]
     return Parameter(
