@@ -101,6 +101,7 @@ class Plan:
         Keys of `LATENCY_D`.
     has_revisions : bool
         Whether files of `REVISED` are replaced.
+    first : datetime.date
     """
 
     days: int
@@ -109,11 +110,12 @@ class Plan:
     duplicates: int = 4
     datasets: tuple[str, ...] = tuple(LATENCY_D)
     has_revisions: bool = True
+    first: date = FIRST_DAY
 
     @property
     def all_days(self) -> list[date]:
         """Days of the replay."""
-        return [FIRST_DAY + number * DAY for number in range(self.days)]
+        return [self.first + number * DAY for number in range(self.days)]
 
 
 @dataclass
@@ -214,7 +216,7 @@ def releases(plan: Plan, written: dict[date, list[tuple[str, Path]]]) -> list[li
     due: dict[int, list[tuple[Path, str]]] = {}
     for day, files in written.items():
         for key, path in files:
-            after = (day - FIRST_DAY).days + LATENCY_D[key] + 1
+            after = (day - plan.first).days + LATENCY_D[key] + 1
             due.setdefault(after // STEP_D, []).append((path, "v01"))
             if plan.has_revisions and key == REVISED:
                 due.setdefault((after + REVISED_AFTER_D - LATENCY_D[key]) // STEP_D, []).append((path, "v02"))

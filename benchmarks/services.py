@@ -106,13 +106,10 @@ class Services:
         prefect = {"PREFECT_API_DATABASE_CONNECTION_URL": database, "PREFECT_HOME": str(self.folder / "prefect")}
         options = {"listen_addresses": "127.0.0.1", "port": ports["database"], "unix_socket_directories": ""}
         given = [f"--{name}={value}" for name, value in options.items()]
-        listen, server = ["--host", "127.0.0.1", "--port"], [python, "-m", "prefect", "server", "start"]
+        listen, server = ["--host", "127.0.0.1", "--port"], ["server", "start", "--no-ui"]
         return {
             "database": ([str(self._programs / "postgres"), "-D", str(self.folder / "data"), *given], {}),
-            "prefect": (
-                [python, "-m", "prefect", "server", "start", "--no-ui", *listen, f"{ports['prefect']}"],
-                prefect,
-            ),
+            "prefect": ([python, "-m", "prefect", *server, *listen, f"{ports['prefect']}"], prefect),
             "api": ([python, "-m", "api.serve", *listen, f"{ports['api']}"], {}),
             "worker": ([python, "-m", "flows.serve"], {}),
         }
