@@ -39,6 +39,8 @@ from bella.user_tables import arrival_frame
 if TYPE_CHECKING:
     from astropy.coordinates import SkyCoord
 
+    from bella.spectra import FleetPiece
+
 FEWEST_FOR_TRACK = 2
 EDGE_FREQUENCIES = 40
 
@@ -297,11 +299,9 @@ def detect(spectra: Spectra) -> Detections:
     InputError
         If a file cannot be read as a spectrum.
     """
-    from bella.bursts.association import associate, association_table  # noqa: PLC0415 - heavy
-    from bella.bursts.detection import search  # noqa: PLC0415
+    from bella.bursts.association import detect_in_fleet  # noqa: PLC0415 - heavy
 
-    searched = [search(one) for one in _fleet(spectra).values()]
-    return Detections(association_table(associate(searched), searched))
+    return Detections(detect_in_fleet(_pieces(spectra)).table)
 
 
 def time_edges(
@@ -341,24 +341,29 @@ def time_edges(
 
     if edge not in EDGES:
         raise InputError(f"edge {edge!r} is not known; choose one of {', '.join(EDGES)}")
-    timed, _ = time_spectra(_fleet(spectra).values(), _moment(around), edge)
+    moment = _moment(around)
+    nearest = min(_pieces(spectra), key=lambda piece: piece.apart_s(moment))
+    timed, _ = time_spectra(nearest.spectra.values(), moment, edge)
     rows = arrivals_of(timed, frequencies)
     return Arrivals(timed_frame(timed, rows), rows.covariance_s2())
 
 
-def _fleet(spectra: Spectra) -> dict[str, xr.Dataset]:
-    from bella.spectra import by_observatory, open_spectra  # noqa: PLC0415 - heavy
+def _pieces(spectra: Spectra) -> "list[FleetPiece]":
+    from bella.spectra import as_spectrum, fleet_pieces, open_spectra  # noqa: PLC0415 - heavy
 
     several = [spectra] if isinstance(spectra, str | Path | xr.Dataset | xr.DataTree) else list(spectra)
     opened: list[xr.Dataset] = []
     for one in several:
         if isinstance(one, xr.Dataset):
-            opened.append(one)
+            opened.append(as_spectrum(one, "the dataset"))
         elif isinstance(one, xr.DataTree):
-            opened += [leaf.to_dataset() for leaf in one.leaves]
+            opened += [as_spectrum(leaf.to_dataset(), leaf.path) for leaf in one.leaves]
         else:
             opened += open_spectra(one)
-    return by_observatory(opened)
+    pieces, left_out = fleet_pieces(opened)
+    if left_out:
+        raise InputError(left_out[0])
+    return pieces
 
 
 def _moment(around: "str | np.datetime64 | Time") -> np.datetime64:

@@ -269,18 +269,6 @@ def check_arrivals(
     return table
 
 
-def write_arrivals(frame: pd.DataFrame, path: Path) -> None:
-    """Write an arrival table as CSV; times with milliseconds and Z.
-
-    Parameters
-    ----------
-    frame : pandas.DataFrame
-        As :func:`check_arrivals` returns it.
-    path : Path
-    """
-    path.write_text(arrivals_csv(frame), encoding="utf-8")
-
-
 def arrivals_csv(frame: pd.DataFrame) -> str:
     """Text of the CSV form of an arrival table; columns of positions, delays and offsets that are empty are left out.
 

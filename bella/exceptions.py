@@ -10,6 +10,7 @@ from typing import ClassVar
 EXTRA_OF = {
     "alembic": "service",
     "arviz": "reference",
+    "distributed": "scale",
     "fastapi": "service",
     "matplotlib": "plot",
     "nutpie": "reference",

@@ -112,6 +112,7 @@ SERIOUS_FLAGS = frozenset(
         "arrivals_inconsistent",
         "beam_speed_unlikely",
         "clock_offset",
+        "components_differ",
         "edges_differ",
         "ingredients_disagree",
         "multimodal",

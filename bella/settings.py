@@ -68,6 +68,11 @@ class Settings(BaseSettings):
         default=1,
         description="Processes that search days and localise bursts side by side; results do not depend on it.",
     )
+    dask: str = Field(
+        default="",
+        description="Address of a dask scheduler, such as tcp://scheduler:8786, whose workers compute instead of "
+        "processes of this machine. `workers` is then how many days are in work at a time.",
+    )
     days_schedule_s: PositiveFloat = Field(
         default=600.0,
         description="Interval at which a run over the recent days begins, s; until the next one it looks at the mirror "

@@ -16,7 +16,7 @@ from astropy.time import Time
 
 import bella
 from bella import analysis
-from bella.arrivals import write_arrivals
+from bella.arrivals import arrivals_csv
 from bella.bursts import published_arrivals
 from bella.exceptions import InputError, NoDataError
 from bella.multilateration import localise as posterior_of
@@ -44,7 +44,7 @@ def quantities() -> QTable:
 
 
 def test_all_forms_of_a_table_give_the_same_posterior(tmp_path: Path, located: bella.Localisation) -> None:
-    write_arrivals(TABLE, tmp_path / "arrivals.csv")
+    (tmp_path / "arrivals.csv").write_text(arrivals_csv(TABLE))
     bare = TABLE[["observatory", "frequency_mhz", "arrival_utc", "sigma_s"]]
     expected = posterior_of(TABLE, draws=50)["x_rsun"].to_numpy()
     np.testing.assert_array_equal(located.posterior["x_rsun"], expected)
@@ -164,7 +164,7 @@ def test_a_wrong_table_is_one_line_that_names_the_column() -> None:
 
 
 def test_examples_run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    write_arrivals(TABLE, tmp_path / "arrivals.csv")
+    (tmp_path / "arrivals.csv").write_text(arrivals_csv(TABLE))
     monkeypatch.chdir(tmp_path)
     result = doctest.testmod(analysis, optionflags=doctest.ELLIPSIS | doctest.NORMALIZE_WHITESPACE)
     plt.close("all")

@@ -7,8 +7,10 @@ import subprocess
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
+from urllib.parse import urlsplit
 
 import pytest
+import yaml
 from typer.testing import CliRunner
 
 import bella
@@ -17,6 +19,7 @@ from bella.settings import Settings
 from tests.service_processes.compose import FILE, ROOT, VARIABLE, composed, interpolated, services
 from tests.service_processes.postgres import statements_at_first_start
 
+SCALE = ROOT / "docker-compose.scale.yml"
 SERVICES = sorted(services())
 OURS = ("prefect", "fetcher", "worker", "api")
 READERS = ("fetcher", "worker", "api")
@@ -51,6 +54,25 @@ def stages(dockerfile: Path) -> list[list[str]]:
 def test_client_accepts_the_file() -> None:
     checked = config(**PASSWORD)
     assert checked.returncode == 0, checked.stderr
+
+
+def test_client_accepts_more_machines_beside_it() -> None:
+    both = ["--file", str(FILE), "--file", str(SCALE)]
+    environment = {name: value for name, value in os.environ.items() if not name.startswith("BELLA_")} | PASSWORD
+    command = [*client(), *both, "config"]
+    done = subprocess.run(command, env=environment, cwd="/", capture_output=True, text=True, check=True)
+    merged = yaml.safe_load(done.stdout)["services"]
+    address = merged["worker"]["environment"]["BELLA_DASK"]
+    assert address in merged["compute"]["command"]
+    assert urlsplit(address).hostname == "scheduler"
+    assert str(urlsplit(address).port) in merged["scheduler"]["command"]
+    for name in ("scheduler", "compute"):
+        assert merged[name]["image"] == merged["worker"]["image"]
+        assert (merged[name]["read_only"], merged[name]["cap_drop"]) == (True, ["ALL"])
+        assert list(merged[name]["networks"]) == ["inside"]
+        assert find_spec(merged[name]["command"][2]) is not None
+    compute = yaml.safe_load(SCALE.read_text(encoding="utf-8"))["services"]["compute"]
+    assert set(compute["volumes"]) <= set(services()["worker"]["volumes"])
 
 
 def test_client_asks_for_the_password() -> None:

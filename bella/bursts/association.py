@@ -19,13 +19,14 @@ from bella.bursts.detection import (
     detection_row,
     detection_table,
     onset_records,
+    search,
     why_not_alone,
 )
 from bella.bursts.matched_filter import BEAM_SPEEDS_C, FREQUENCY_MHZ, STEP_S, THRESHOLDS
 from bella.exceptions import InputError, NoDataError
 from bella.flags import CATALOGUED, LOCALISABLE
 from bella.spacecraft import position_hee
-from bella.spectra import receiver_position
+from bella.spectra import FleetPiece, receiver_position
 from bella.units import C_RSUN_S, FloatArray
 
 SLOWEST = 0
@@ -187,6 +188,53 @@ def association_table(bursts: Sequence[AssociatedBurst], searched: Sequence[Sear
         alone = [one for one in spectrum.found if not _is_taken(taken, spectrum.observatory, one)]
         rows += [detection_row(spectrum, one) for one in alone if one.reason or not is_compared]
     return detection_table(rows).sort_values(["start_utc", "observatory"], ignore_index=True)
+
+
+@dataclass(frozen=True)
+class FleetDetections:
+    """What was found in spectra of a fleet.
+
+    Attributes
+    ----------
+    table : DataFrame
+        Detection table.
+    searched : int
+        How many spectra could be searched.
+    not_searchable : tuple of str
+        A line for each of the others, with the names of its files.
+    not_compared : tuple of str
+        Spacecraft whose position is not known.
+    """
+
+    table: pd.DataFrame
+    searched: int
+    not_searchable: tuple[str, ...]
+    not_compared: tuple[str, ...]
+
+
+def detect_in_fleet(pieces: Sequence[FleetPiece]) -> FleetDetections:
+    """Search all spectra, and compare spacecraft, one piece after the other.
+
+    Parameters
+    ----------
+    pieces : sequence of FleetPiece
+
+    Returns
+    -------
+    FleetDetections
+    """
+    tables, refusals, unknown, number = [], [], [], 0
+    for piece in pieces:
+        searched = [search(one) for one in piece.spectra.values()]
+        tables.append(association_table(associate(searched), searched))
+        unknown += [one.observatory for one in searched if not has_position(one)]
+        for one in searched:
+            number += not one.not_searchable
+            if one.not_searchable:
+                files = ", ".join(str(name) for name in np.atleast_1d(one.over.attrs["source_files"]))
+                refusals.append(f"{one.observatory} ({files}): {one.not_searchable}; give a file of another receiver")
+    table = pd.concat(tables, ignore_index=True) if tables else detection_table([])
+    return FleetDetections(table, number, tuple(refusals), tuple(dict.fromkeys(unknown)))
 
 
 def _start(searched: Searched, one: Candidate) -> pd.Timestamp:

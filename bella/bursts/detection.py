@@ -29,6 +29,7 @@ from bella.bursts.matched_filter import (
     over_quiet,
     search_grid,
 )
+from bella.exceptions import InputError
 from bella.flags import CATALOGUED, REJECTED
 from bella.units import FloatArray
 
@@ -55,6 +56,9 @@ not state it, ``burst_id`` is empty until spacecraft are compared."""
 
 FEWEST_MINUTES = BEFORE_RECORDS + 2
 """Minutes before a rise that it is compared with, and two of the rise."""
+
+LONGEST_S = 100 * 86_400.0
+"""Longest that a spectrum may span, gaps included: 1.2 GB of minutes."""
 
 BAND_EDGE = float(np.sqrt(FREQUENCY_MHZ[1] / FREQUENCY_MHZ[0]))
 """Half a channel of the grid, as a factor."""
@@ -110,8 +114,14 @@ def search(spectrum: xr.Dataset) -> Searched:
     Raises
     ------
     InputError
-        If the quantity of the spectrum is not known.
+        If the quantity of the spectrum is not known, or if it spans more time than a search can hold.
     """
+    span_s = float(np.ptp(spectrum["time"].to_numpy()) / np.timedelta64(1, "s"))
+    if span_s > LONGEST_S:
+        raise InputError(
+            f"the spectrum of {spectrum.attrs['observatory']} spans {span_s / 86_400:.0f} days, and a search can hold "
+            f"{LONGEST_S / 86_400:g}: cut it with bella.spectra.fleet_pieces"
+        )
     over = over_quiet(spectrum)
     grid = search_grid(over)
     match = drift_match(channel_match(grid.excess_db, grid.noise_db, grid.revisit), grid.revisit)

@@ -444,15 +444,17 @@ def drift_match(match: FloatArray, revisit: FloatArray | float = 1.0) -> Match:
     Match
     """
     records = np.rint(drift_delays_s() / STEP_S).astype(np.intp)
-    index = np.arange(len(match))[None, :, None] + records[:, None, :]
-    inside = (index >= 0) & (index < len(match))
-    shifted = match[np.clip(index, 0, len(match) - 1), np.arange(CHANNELS)]
-    shifted = np.where(inside, shifted, np.nan)
-    known = np.isfinite(shifted)
-    clipped = np.clip(np.where(known, shifted, 0.0), THRESHOLDS.lowest_match, THRESHOLDS.highest_match)
-    hit = known & (shifted > THRESHOLDS.hit)
-    number = np.maximum(known.sum(axis=2), 1)
-    score = clipped.sum(axis=2) / np.sqrt(number) * np.minimum(1.0, hit.sum(axis=2) / THRESHOLDS.hits)
+    score = np.empty((len(records), len(match)))
+    hit = np.empty((len(records), *match.shape), dtype=bool)
+    shifted = np.empty_like(match)
+    for drift, delays in enumerate(records):  # one at a time, as a long spectrum would take much memory
+        for channel, delay in enumerate(delays):
+            shifted[:, channel] = _shifted(match[:, channel], -int(delay))
+        known = np.isfinite(shifted)
+        clipped = np.clip(np.where(known, shifted, 0.0), THRESHOLDS.lowest_match, THRESHOLDS.highest_match)
+        hit[drift] = known & (shifted > THRESHOLDS.hit)
+        enough = np.minimum(1.0, hit[drift].sum(axis=1) / THRESHOLDS.hits)
+        score[drift] = clipped.sum(axis=1) / np.sqrt(np.maximum(known.sum(axis=1), 1)) * enough
     measured = np.asarray(np.isfinite(match).any(axis=0))
     shared = np.broadcast_to(revisit, CHANNELS)[measured]
     return Match(score, hit, measured, float(np.median(shared)) if shared.size else 1.0)

@@ -22,6 +22,8 @@ _ADVISORY_LOCK = 0x42454C4C41
 _SWITCH_TIMEOUT_S = 30
 
 log = structlog.get_logger(__name__)
+_SOUND_FILES: set[tuple[int, int]] = set()
+"""Device and inode of the files that this process has checked."""
 
 
 def migration_config(connection: Connection | None = None) -> Config:
@@ -127,8 +129,11 @@ def _prepare_file(engine: Engine, *, create: bool) -> None:
     # only SQLite may open this file: closing any other handle on it would drop the locks of all connections of this
     # process (POSIX), and two processes would then write at once
     with translated(engine.url), engine.connect() as connection:
-        if connection.exec_driver_sql("PRAGMA quick_check(1)").scalar() != "ok":
-            raise StoreError(f"{path} is damaged: restore it from a backup or move it away")
+        status = path.stat()
+        if (status.st_dev, status.st_ino) not in _SOUND_FILES:  # reads all of it, so not at every opening
+            if connection.exec_driver_sql("PRAGMA quick_check(1)").scalar() != "ok":
+                raise StoreError(f"{path} is damaged: restore it from a backup or move it away")
+            _SOUND_FILES.add((status.st_dev, status.st_ino))
         _revision_to_upgrade(connection, create=create)
     _use_write_ahead_log(engine)
 

@@ -28,6 +28,7 @@ if TYPE_CHECKING:
 
 EPILOG = "Example: bella run --from 2020-07-21 --to 2020-07-22 --archive mirror --workers 2"
 MOST_REFUSALS = 3
+MOST_NAMES = 5
 DIRECT = "direct"
 """Name of a run without an orchestrator, in leases and logs."""
 
@@ -135,6 +136,9 @@ def _run_folder(
     wanted = brought.days(*days)
     for one in brought.left_out:
         warn(f"Left out: {one}")
+    if brought.others:
+        shown = ", ".join(brought.others[:MOST_NAMES]) + (", ..." if len(brought.others) > MOST_NAMES else "")
+        warn(f"Not looked at, no data by name or content: {len(brought.others)} files ({shown})")
     _print_done(lambda: _folder_done(wanted, brought, settings, asked, bar), asked, bar)
 
 

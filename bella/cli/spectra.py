@@ -26,12 +26,14 @@ from bella.exceptions import BellaError, InputError
 from bella.flags import REJECTED
 
 if TYPE_CHECKING:
+    import numpy as np
     import pandas as pd
     import xarray as xr
     from rich.table import Table
 
     from bella.bursts.noise import Timed
     from bella.bursts.timing import TimedBurst
+    from bella.spectra import FleetPiece
 
 DETECT_EPILOG = (
     "Example: bella detect wi_h1_wav_20100117_v01.cdf stereo_level2_swaves_20100117_v01.cdf --output detections.csv"
@@ -59,27 +61,41 @@ def detect(
     for path in spectrum:
         check_file(path)
     know_updates()
-    spectra, left_out = _read_fleet(spectrum)
-    table, not_searchable = _detections(spectra)
+    from bella.bursts.association import detect_in_fleet
+
+    pieces, left_out = _read_fleet(spectrum)
+    found = detect_in_fleet(pieces)
+    if found.not_compared:
+        warn(f"Not compared, not in the ephemeris at this time: {', '.join(found.not_compared)}")
+    for reason in found.not_searchable:
+        warn(f"Not searchable: {reason}")
+    table = found.table
     write_csv(table, output)
     if figures is not None:
-        from bella.plotting import write_spectrum_png
-
-        for name, one in spectra.items():
-            write_spectrum_png(figures / f"{name}.png", one, table)
+        _draw_spectra(figures, pieces, table)
     if as_json:
         print_json(frame_rows(table))
     else:
         show(_detection_table(table))
         say(f"Table  {output}")
-        answer(_detection_counts(table, len(spectra) - len(not_searchable)))
-    if left_out or not_searchable:
+        answer(_detection_counts(table, found.searched))
+    if left_out or found.not_searchable:
         raise typer.Exit(1)
 
 
-def _read_fleet(paths: list[Path]) -> "tuple[dict[str, xr.Dataset], int]":
-    """One spectrum per observatory, and how many files were left out, each of which is reported on standard error."""
-    from bella.spectra import by_observatory, open_spectra
+def _draw_spectra(folder: Path, pieces: "list[FleetPiece]", table: "pd.DataFrame") -> None:
+    """A figure of each spacecraft; of several pieces, with the first day in its name."""
+    from bella.plotting import write_spectrum_png
+
+    for piece in pieces:
+        day = f"-{str(piece.first)[:10].replace('-', '')}" if len(pieces) > 1 else ""
+        for name, one in piece.spectra.items():
+            write_spectrum_png(folder / f"{name}{day}.png", one, table)
+
+
+def _read_fleet(paths: list[Path]) -> "tuple[list[FleetPiece], int]":
+    """What the files hold, and how many of them are left out, each of which is reported on standard error."""
+    from bella.spectra import fleet_pieces, open_spectra
 
     found: list[xr.Dataset] = []
     faults: list[BellaError] = []
@@ -93,28 +109,10 @@ def _read_fleet(paths: list[Path]) -> "tuple[dict[str, xr.Dataset], int]":
                 advance(1)
     if faults and not found:
         raise faults[0]
-    for fault in faults:
+    pieces, unfit = fleet_pieces(found)
+    for fault in (*faults, *unfit):
         warn(f"Left out: {fault}")
-    return by_observatory(found), len(faults)
-
-
-def _detections(spectra: "dict[str, xr.Dataset]") -> "tuple[pd.DataFrame, list[str]]":
-    """Detection table, and the spacecraft whose spectra cannot be searched."""
-    from bella.bursts.association import associate, association_table, has_position
-    from bella.bursts.detection import search
-
-    searched = [search(one) for one in spectra.values()]
-    unknown = [one.observatory for one in searched if not has_position(one)]
-    if unknown:
-        message = f"Not compared, not in the ephemeris at this time: {', '.join(unknown)}"
-        warn(message)
-    not_searchable = [one for one in searched if one.not_searchable]
-    for one in not_searchable:
-        files = ", ".join(str(name) for name in spectra[one.observatory].attrs["source_files"])
-        message = f"Not searchable: {one.observatory} ({files}): {one.not_searchable}; give a file of another receiver"
-        warn(message)
-    table = association_table(associate(searched), searched)
-    return table, [one.observatory for one in not_searchable]
+    return pieces, len(faults) + len(unfit)
 
 
 def _detection_table(table: "pd.DataFrame") -> "Table":
@@ -169,7 +167,8 @@ def arrivals(  # noqa: PLR0913, PLR0917 - one argument per option
     from bella.bursts.timing import arrival_frame, arrivals_of, time_spectra
     from bella.spectra import fill_in_positions
 
-    spectra, left_out = _read_fleet(spectrum)
+    pieces, left_out = _read_fleet(spectrum)
+    spectra = _around(pieces, moment)
     timed, unseen = time_spectra(spectra.values(), moment, edge)
     remarks: list[str] = []
     if per_channel:
@@ -190,6 +189,16 @@ def arrivals(  # noqa: PLR0913, PLR0917 - one argument per option
         _print_arrivals(timed, edge, len(table), output)
     if left_out or unseen:
         raise typer.Exit(1)
+
+
+def _around(pieces: "list[FleetPiece]", moment: "np.datetime64") -> "dict[str, xr.Dataset]":
+    """Spectra of about a time; those of other times are reported."""
+    nearest = min(pieces, key=lambda piece: piece.apart_s(moment))
+    for piece in pieces:
+        if piece is not nearest:
+            names = ", ".join(str(name) for one in piece.spectra.values() for name in one.attrs["source_files"])
+            warn(f"Not used, of {str(piece.first)[:10]} to {str(piece.last)[:10]}: {names}")
+    return nearest.spectra
 
 
 def _draw_edges(

@@ -1,11 +1,12 @@
 """Adaptive cells that hold the whole posterior of a position, none of its modes lost.
 
-Space is divided into equal rectangles that are halved until the density changes little across one. They are turned so
-that one side lies along the direction in which the posterior is sharpest: a long narrow one then takes long narrow
-cells. A cell is dropped only when an upper bound of the density anywhere in it is far below the best value found: the
-root of the misfit is Lipschitz in x, because distances change by no more than the source moves and delays by no more
-than directions turn. All final cells of a problem have one size, so that the midpoint rule on them is accurate far
-beyond its order. In space the rectangles are boxes, turned about the z axis.
+Space is divided into equal rectangles that are halved until the density changes little across one. One side lies along
+the direction in which the posterior is sharpest, the other follows its ridge (:mod:`bella.multilateration.axes`): a
+long narrow one then takes long narrow cells. A cell is dropped only when an upper bound of the density anywhere in it
+is far below the best value found: the root of the misfit is Lipschitz in x, because distances change by no more than
+the source moves and delays by no more than directions turn. The bound looks for slowness and kappa within `RANGE_SD`.
+All final cells of a problem have one size, so that the midpoint rule on them is accurate far beyond its order. In space
+the rectangles are boxes, turned about the z axis.
 """
 
 from dataclasses import dataclass, replace
@@ -14,15 +15,15 @@ import numpy as np
 import numpy.typing as npt
 
 from bella.exceptions import ConvergenceError
+from bella.multilateration.axes import Axes, axes_of
 from bella.multilateration.likelihood import (
     NEAR_RSUN,
     NEAREST_RSUN,
     RANGE_SD,
     Local,
     Survey,
-    density,
     evaluate,
-    slope_and_information,
+    mixed,
     survey,
 )
 from bella.multilateration.problems import BoolArray, IntArray, Problems, blocks
@@ -33,10 +34,6 @@ BOX_NATS = 18.0
 """The first box reaches to where the prior of the position has fallen by so much."""
 FIRST_CELLS = 12
 """Cells per axis at the start."""
-TRIED_DIRECTIONS, TRIED_RSUN = 8, (20.0, 70.0, 150.0)
-"""Places from which the top of the posterior is looked for: directions, and distances from the Sun."""
-STEPS_TO_TOP, SHARES_OF_STEP = 4, (0.0, 0.1, 0.3, 1.0)
-"""Gauss-Newton steps towards the top, and the shares of each that are tried: enough for the direction there."""
 DROP_NATS = 13.0
 """A cell is dropped when its bound is this far below the best density."""
 BELOW_NATS, BELOW_NATS_OF_MIXTURE = 14.5, 17.0
@@ -54,6 +51,9 @@ MOST_LOG_DET = 700.0
 """Larger ones would overflow; the bound is then only less tight."""
 MOST_PARTS = 3
 """In so many parts, at most, a cell is divided at once when that makes it final."""
+WAITS = 3.0
+"""Cells are not divided along an axis while they are so many times more too long along another: how sharp the posterior
+is along its ridge shows only once they are narrow."""
 OVERSIZE = 1.1
 """A final cell may be larger than the tolerance by this: the sharpest place is known only to a cell."""
 MAX_CELLS, MAX_CELLS_IN_SPACE = 2_000_000, 6_000_000
@@ -69,22 +69,22 @@ class Lattice:
     Attributes
     ----------
     index : ndarray of int, shape (D, M)
-        Coordinates in cells, along the turned axes.
+        Coordinates in cells, along the axes.
     owner : ndarray of int, shape (M,)
         Problem of each cell.
     side : ndarray, shape (D, B)
         Edge lengths of the cells of each problem, solar radii.
-    origin : float
-        Lower corner of the lattice, along every turned axis, solar radii.
-    turn : ndarray, shape (2, B)
-        Cosine and sine of the angle from the x axis to the first of the turned axes.
+    origin : ndarray, shape (D, B)
+        Lower corner of each lattice along the axes, solar radii.
+    axes : Axes
+        Of each problem.
     """
 
     index: IntArray
     owner: IntArray
     side: FloatArray
-    origin: float
-    turn: FloatArray
+    origin: FloatArray
+    axes: Axes
 
     @property
     def centres(self) -> FloatArray:
@@ -93,17 +93,11 @@ class Lattice:
 
     def place(self, index: npt.NDArray[np.floating], owner: IntArray) -> FloatArray:
         """Positions, shape (D, *S), of coordinates in cells of the lattices of some problems, solar radii."""
-        return turned(self.origin + index * self.side[:, owner], self.turn[:, owner])
+        return self.axes.place(self.along(index, owner), owner)
 
-    @property
-    def half_diagonal(self) -> FloatArray:
-        """Farthest that a point of a cell is from its centre, shape (B,), solar radii."""
-        return np.asarray(0.5 * np.sqrt((self.side**2).sum(axis=0)))
-
-
-def turned(along: FloatArray, turn: FloatArray) -> FloatArray:
-    """Vectors by their coordinates along turned axes, shape (D, *S); `turn` is the cosine and sine of the angle."""
-    return np.stack([turn[0] * along[0] - turn[1] * along[1], turn[1] * along[0] + turn[0] * along[1], *along[2:]])
+    def along(self, index: npt.NDArray[np.floating], owner: IntArray) -> FloatArray:
+        """The same along the axes of each lattice."""
+        return np.asarray(self.origin.take(owner, axis=1) + index * self.side.take(owner, axis=1))
 
 
 @dataclass(frozen=True)
@@ -173,29 +167,35 @@ def _level(lattice: Lattice, problems: Problems) -> tuple[FloatArray, FloatArray
 
     And which cells are small, and near the Sun or a receiver.
     """
-    centres, reach = lattice.centres, lattice.half_diagonal[lattice.owner]
-    value, bound, sharp = np.empty_like(reach), np.empty_like(reach), np.empty_like(centres)
-    near = np.empty(reach.shape, dtype=bool)
+    along = lattice.along(lattice.index + 0.5, lattice.owner)
+    value, sharp = np.empty(lattice.owner.size), np.empty_like(along)
+    bound, near = np.empty_like(value), np.empty(value.shape, dtype=bool)
+    axes, sides = lattice.axes, 0.5 * lattice.side
+    sides[0] += axes.bulge(sides[1])
     for some, owner in blocks(lattice.owner):
-        here, points = problems.at(owner), centres[:, some]
-        seen = survey(here, points, lattice.turn[:, owner])
+        here, half_sides = problems.at(owner), sides[:, owner]
+        points = axes.place(along[:, some], owner)
+        lean = None if axes.curve is None else axes.bend(along[1, some], owner)[1]
+        seen = survey(here, points, axes.turn[:, owner], lean)
+        # farthest that a point of a cell is from its centre
+        widest = half_sides[0] if lean is None else half_sides[0] + np.abs(lean) * half_sides[1]
+        reach = np.sqrt(widest**2 + (half_sides[1:] ** 2).sum(axis=0))
+        radius, nearest = _length(points), seen.distance.min(axis=0)
         # only a largest speed can change the density much against the bound
         value[some] = _whole_density(here, points) if here.priors.is_truncated else mixed(seen.log_density)
-        nearest = np.minimum(np.sqrt((points**2).sum(axis=0)), seen.distance.min(axis=0))
-        near[some] = (nearest < NEAR_RSUN + reach[some]) & (reach[some] < NEAR_RSUN)
-        bound[some] = _upper_bound(here, points, 0.5 * lattice.side[:, owner], seen)
-        sharp[:, some] = np.hypot(seen.sharpness, 1 / here.priors.tau_rsun)
+        near[some] = (np.minimum(radius, nearest) < NEAR_RSUN + reach) & (reach < NEAR_RSUN)
+        bound[some] = _upper_bound(here, seen, half_sides, reach, radius, nearest)
+        sharp[:, some] = np.sqrt(seen.sharpness**2 + here.priors.tau_rsun**-2.0)
     return value, bound, sharp, near
+
+
+def _length(vectors: FloatArray) -> FloatArray:
+    return np.asarray(np.sqrt((vectors**2).sum(axis=0)))
 
 
 def _whole_density(here: Problems, points: FloatArray) -> FloatArray:
     local = evaluate(here, points)
     return mixed(local.log_density + log_speed_factor(local, here.priors))
-
-
-def mixed(log_density: FloatArray) -> FloatArray:
-    """Logarithm of the sum over the components of the noise: (K, *S) to S."""
-    return log_density[0] if len(log_density) == 1 else np.asarray(np.logaddexp.reduce(log_density, axis=0))
 
 
 def _highest(values: FloatArray, owner: IntArray, count: int) -> FloatArray:
@@ -209,78 +209,63 @@ def _highest(values: FloatArray, owner: IntArray, count: int) -> FloatArray:
 
 
 def _first_lattice(problems: Problems) -> Lattice:
-    origin = -problems.priors.tau_rsun * (2 * BOX_NATS) ** (1 / problems.priors.power)
+    """Equal cells that cover the prior of every problem."""
+    reach = problems.priors.tau_rsun * (2 * BOX_NATS) ** (1 / problems.priors.power)
+    axes = axes_of(problems)
+    low, high = axes.limits(reach, problems.dimensions)
     index = np.indices((FIRST_CELLS,) * problems.dimensions).reshape(problems.dimensions, -1)
     return Lattice(
         np.tile(index, problems.count),
         np.repeat(np.arange(problems.count), index.shape[1]),
-        np.full((problems.dimensions, problems.count), -2 * origin / FIRST_CELLS),
-        origin,
-        _sharpest_direction(problems),
+        (high - low) / FIRST_CELLS,
+        low,
+        axes,
     )
 
 
-def _sharpest_direction(problems: Problems) -> FloatArray:
-    """Cosine and sine of the direction in which each posterior is sharpest near its top, shape (2, B).
+def _upper_bound(  # noqa: PLR0913, PLR0917
+    here: Problems, seen: Survey, half_sides: FloatArray, reach: FloatArray, radius: FloatArray, nearest: FloatArray
+) -> FloatArray:
+    """Bound of the log density anywhere in each cell, shape (M,).
 
-    Gauss-Newton steps from the best of some places lead there. They need not succeed: cells in a poor direction are
-    more, not worse.
+    Parameters
+    ----------
+    here : Problems
+    seen : Survey
+        Of the centres.
+    half_sides : ndarray, shape (D, M)
+        Farthest that a cell reaches from its centre along the axes there, solar radii.
+    reach, radius, nearest : ndarray, shape (M,)
+        How far the cell reaches in any direction; distances of its centre from the Sun and from the nearest receiver.
     """
-    angle = np.linspace(0, 2 * np.pi, TRIED_DIRECTIONS, endpoint=False)
-    places = np.multiply.outer([np.cos(angle), np.sin(angle)], TRIED_RSUN).reshape(2, -1)
-    tried = np.zeros((problems.dimensions, problems.count, places.shape[1]))
-    tried[:2] = places[:, None]
-    spread, rows = problems.spread(), np.arange(problems.count)
-    for _ in range(STEPS_TO_TOP):
-        top = tried[:, rows, mixed(density(spread, tried)).argmax(axis=1)]
-        slope, information = (values[..., 0, :] for values in slope_and_information(problems, top))
-        precision = np.moveaxis(information, -1, 0) + problems.priors.tau_rsun**-2.0 * np.eye(problems.dimensions)
-        step = np.linalg.solve(precision, slope.T[..., None])[..., 0].T
-        tried = top[..., None] + step[..., None] * np.array(SHARES_OF_STEP)
-    angle = 0.5 * np.arctan2(2 * information[0, 1], information[0, 0] - information[1, 1])
-    return np.stack([np.cos(angle), np.sin(angle)])
-
-
-def _upper_bound(here: Problems, centres: FloatArray, half_sides: FloatArray, seen: Survey) -> FloatArray:
-    """Bound of the log density anywhere in each cell, shape (M,); `half_sides` has shape (D, M)."""
     priors, delay = here.priors, here.delay
-    reach = np.sqrt((half_sides**2).sum(axis=0))
-    radius = np.sqrt((centres**2).sum(axis=0))
-    inner = np.maximum(radius - reach, 0.0)
-    travel, late = _largest_turns(here, reach, inner, seen)
+    inner = np.maximum(radius - reach, NEAREST_RSUN)
+    outer = np.maximum(nearest - reach, NEAREST_RSUN)
+    # directions turn by no more than the way over the distance, by half of that on average; a delay changes with them
+    travel = np.minimum(0.5 * reach / outer, 2.0)
+    late = here.rise_s.max(axis=0) * (1 / inner + 1 / outer)
     slowest = priors.slowness_mean + RANGE_SD * priors.slowness_sd
     largest_kappa = abs(delay.kappa) + RANGE_SD * delay.kappa_sd
     # no more than the whole way towards every receiver and the whole turn; or the slope, which itself changes by a turn
-    anywhere = here.steepest * (slowest * reach + largest_kappa * np.minimum(late * reach, 2 * here.rise_s.max(axis=0)))
-    bend = here.steepest * (
-        slowest * travel + largest_kappa * late * (travel + reach / np.maximum(inner, NEAREST_RSUN))
-    )
-    from_slope = (seen.sharpness * half_sides).sum(axis=0) + bend * reach
-    from_slope = np.where(np.minimum(radius, seen.distance.min(axis=0)) < NEAR_RSUN, np.inf, from_slope)
-    change = np.minimum(anywhere, from_slope)
+    anywhere = slowest * reach + largest_kappa * np.minimum(late * reach, 2 * here.rise_s.max(axis=0))
+    bend = slowest * travel + largest_kappa * late * (travel + 0.5 * reach / inner)
+    from_slope = (seen.sharpness * half_sides).sum(axis=0) + here.steepest * bend * reach
+    from_slope = np.where(np.minimum(radius, nearest) < NEAR_RSUN, np.inf, from_slope)
+    change = np.minimum(here.steepest * anywhere, from_slope)
     lowest = np.maximum(np.sqrt(np.maximum(seen.misfit, 0)) - change, 0) ** 2
-    widened = here.steepest * (priors.slowness_sd * reach + delay.kappa_sd * late * reach)
+    widened = here.steepest * ((priors.slowness_sd + delay.kappa_sd * late) * reach)
     root = np.maximum(np.sqrt(np.expm1(np.minimum(seen.log_det, MOST_LOG_DET))) - widened, 0)
     bound = mixed(here.log_norm - 0.5 * (lowest + np.log1p(root**2)))
-    return bound + priors.log_position(inner**2) + LOG_SLACK - priors.log_share_allowed
-
-
-def _largest_turns(here: Problems, reach: FloatArray, inner: FloatArray, seen: Survey) -> tuple[FloatArray, FloatArray]:
-    """Largest turn of the direction to a receiver within each cell, and change of a delay per way, s per solar radius.
-
-    Directions turn by no more than the way over the distance.
-    """
-    nearest = np.maximum(seen.distance.min(axis=0) - reach, NEAREST_RSUN)
-    late = here.rise_s.max(axis=0) * (1 / np.maximum(inner, NEAREST_RSUN) + 1 / nearest)
-    return np.minimum(reach / nearest, 2.0), late
+    return bound + priors.log_position(np.maximum(radius - reach, 0.0) ** 2) + LOG_SLACK - priors.log_share_allowed
 
 
 def _parts(lattice: Lattice, sharp: FloatArray, high: BoolArray, tolerance: float) -> IntArray:
     """In how many parts along each axis the cells of each problem are to be divided, shape (D, B); 1: final."""
-    count, owner = lattice.turn.shape[1], lattice.owner
+    count, owner = lattice.side.shape[1], lattice.owner
     sharpest = np.stack([_highest(axis[high], owner[high], count) for axis in sharp])
     exact = np.ceil(np.where(np.isfinite(sharpest), sharpest, np.inf) * lattice.side / tolerance / OVERSIZE)
     parts = np.where(exact <= MOST_PARTS, exact, 2)
+    parts = np.where(WAITS * exact < exact.max(axis=0), 1, parts)
     return np.where(np.bincount(owner, minlength=count) > 0, parts, 1).astype(np.intp)
 
 
@@ -302,7 +287,7 @@ def _divided_in(lattice: Lattice, chosen: BoolArray, parts: IntArray) -> tuple[I
 
 def _check_budget(lattice: Lattice, components: int) -> None:
     alone = MAX_CELLS_IN_SPACE if lattice.index.shape[0] == 3 else MAX_CELLS
-    most = alone if lattice.turn.shape[1] == 1 else MAX_CELLS_TOGETHER
+    most = alone if lattice.side.shape[1] == 1 else MAX_CELLS_TOGETHER
     if lattice.owner.size * components > most:
         raise ConvergenceError(
             f"the posterior needs more than {most} cells; give its arrival times larger sigma_s, or leave it out"

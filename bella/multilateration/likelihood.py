@@ -20,6 +20,7 @@ v, not in u; :mod:`bella.multilateration.speed` corrects for that.
 """
 
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -88,7 +89,7 @@ class _Integrals:
     u: FloatArray
     k: Any
 
-    @property
+    @cached_property
     def determinant(self) -> FloatArray:
         """Of G."""
         return np.asarray(self.uu * self.kk - self.uk * self.uk)
@@ -182,6 +183,11 @@ def _density(problems: Problems, points: FloatArray, g: _Integrals) -> tuple[Flo
     return problems.log_norm - 0.5 * (misfit + log_det) + prior, misfit, log_det
 
 
+def mixed(log_density: FloatArray) -> FloatArray:
+    """Logarithm of the sum over the components of the noise: (K, *S) to S."""
+    return log_density[0] if len(log_density) == 1 else np.asarray(np.logaddexp.reduce(log_density, axis=0))
+
+
 def evaluate(problems: Problems, points: FloatArray) -> Local:
     """Integrals at many points, each belonging to one of the problems.
 
@@ -257,7 +263,7 @@ class Survey:
         From each receiver, solar radii.
     sharpness : ndarray, shape (D, *S)
         Root of the information that the data carry on each coordinate alone, nuisances marginalised, 1/solar radius,
-        along turned axes, for the likeliest component of the noise.
+        along the axes there, for the likeliest component of the noise.
     """
 
     log_density: FloatArray
@@ -267,7 +273,7 @@ class Survey:
     sharpness: FloatArray
 
 
-def survey(problems: Problems, points: FloatArray, turn: FloatArray) -> Survey:
+def survey(problems: Problems, points: FloatArray, turn: FloatArray, lean: FloatArray | None) -> Survey:
     """Density at many points, and how fast it changes.
 
     Parameters
@@ -277,7 +283,9 @@ def survey(problems: Problems, points: FloatArray, turn: FloatArray) -> Survey:
     points : ndarray, shape (D, *S)
         Solar radii.
     turn : ndarray, shape (2, *S)
-        Cosine and sine of the angle from the x axis to the first of the turned axes.
+        Cosine and sine of the angle from the x axis to the first axis.
+    lean : ndarray, shape (*S), or None
+        Step along the first axis that goes with one along the second, where axes are bent.
 
     Returns
     -------
@@ -286,10 +294,12 @@ def survey(problems: Problems, points: FloatArray, turn: FloatArray) -> Survey:
     distance, late = paths(problems, points)
     g = _integrals(problems, distance, late)
     log_density, misfit, log_det = _density(problems, points, g)
-    likeliest = log_density.argmax(axis=0)[None]
+    likeliest = _likeliest(log_density)
     slopes = _slopes(problems, points, distance, late, _of(likeliest, g.moved_k))
     x, y = slopes[:2]
-    slopes[:2] = turn[0] * x + turn[1] * y, turn[0] * y - turn[1] * x
+    across = turn[0] * x + turn[1] * y
+    ahead = turn[0] * y - turn[1] * x
+    slopes[:2] = across, ahead if lean is None else ahead + lean * across
     white = [_whitened(problems, slope) for slope in slopes]
     information = np.stack([_of(likeliest, g.form(one, one)) for one in white])
     return Survey(log_density, misfit, log_det, distance, np.sqrt(np.maximum(information, 0)))
@@ -318,12 +328,17 @@ def slope_and_information(problems: Problems, points: FloatArray) -> tuple[Float
     """
     distance, late = paths(problems, points)
     g = _integrals(problems, distance, late)
-    likeliest = _density(problems, points, g)[0].argmax(axis=0)[None]
+    likeliest = _likeliest(_density(problems, points, g)[0])
     slopes = _slopes(problems, points, distance, late, _of(likeliest, g.moved_k))
     white = [_whitened(problems, slope) for slope in slopes]
     prior = problems.priors.position_slope(_squared(points))
     slope = np.stack([g.form(g.residual, one) + prior * axis for one, axis in zip(white, points, strict=True)])
     return slope, np.stack([np.stack([g.form(one, other) for other in white]) for one in white])
+
+
+def _likeliest(log_density: FloatArray) -> IntArray:
+    """Component of the noise with the highest density, shape (1, *S), or (1,) where there is only one."""
+    return log_density.argmax(axis=0)[None] if len(log_density) > 1 else np.zeros(1, dtype=np.intp)
 
 
 def _of(component: IntArray, values: Any) -> FloatArray:

@@ -310,7 +310,9 @@ def draw(problems: Problems, cells: Cells, number: int, rng: np.random.Generator
     parts = []
     for row, (first, last) in enumerate(pairwise(edges)):  # one at a time: its draws stay in the processor's cache
         some, one = slice(first, last), slice(row, row + 1)
-        lattice = Lattice(cells.index[:, some], cells.owner[some], cells.side[:, one], cells.origin, cells.turn[:, one])
+        lattice = Lattice(
+            cells.index[:, some], cells.owner[some], cells.side[:, one], cells.origin[:, one], cells.axes.one(row)
+        )
         held = _Held(lattice, change[..., some], mass[:, some], cells.log_density[:, some])
         parts.append(_drawn(problems.at(one), held, number, rng))
     return Draws(*(np.concatenate([getattr(part, name) for part in parts]) for name in Draws.__dataclass_fields__))
@@ -340,13 +342,15 @@ class _Held:
 def _drawn(problem: Problems, held: _Held, number: int, rng: np.random.Generator) -> Draws:
     taken = _systematic(held.mass.T.ravel(), number, rng)
     cell, component = np.divmod(taken, problem.components)
-    change = held.change[:, component, cell]
-    jitter = np.log1p(rng.random(change.shape) * np.expm1(2 * change)) / (2 * change) - 0.5
-    points = held.lattice.place(held.lattice.index[:, cell] + 0.5 + jitter, np.zeros(1, dtype=np.intp))[:, None]
+    place = component * held.log_density.shape[1] + cell
+    twice = 2 * held.change.reshape(len(held.change), -1).take(place, axis=1)
+    jitter = np.log1p(rng.random(twice.shape) * np.expm1(twice)) / twice - 0.5
+    aside = held.lattice.index.take(cell, axis=1) + 0.5 + jitter
+    points = held.lattice.place(aside, np.zeros(1, dtype=np.intp))[:, None]
     here = problem.component(component[None])
     local = evaluate(here, points)
     slowness, log_weight = draw_slowness(local, problem.priors, rng)
-    log_drawn = held.log_density[component, cell] + 2 * (change * jitter).sum(axis=0)
+    log_drawn = held.log_density.ravel().take(place) + (twice * jitter).sum(axis=0)
     log_weight = (local.log_density[0] + log_weight - log_drawn)[0]
     weight = np.exp(log_weight - log_weight.max())
     weight /= weight.sum()
@@ -355,10 +359,10 @@ def _drawn(problem: Problems, held: _Held, number: int, rng: np.random.Generator
     emission = here.mean_arrival_s[0] - slowness * local.mean_distance[0] - kappa * local.mean_delay_s[0]
     emission = emission + rng.standard_normal((1, number)) / np.sqrt(here.total_weight[0])
     return Draws(
-        position=points[:, :, chosen].transpose(1, 2, 0),
-        emission_s=emission[:, chosen],
-        v_over_c=1 / (slowness[:, chosen] * C_RSUN_S),
-        kappa=kappa[:, chosen],
+        position=points.take(chosen, axis=2).transpose(1, 2, 0),
+        emission_s=emission.take(chosen, axis=1),
+        v_over_c=1 / (slowness.take(chosen, axis=1) * C_RSUN_S),
+        kappa=kappa.take(chosen, axis=1),
         effective=1 / (weight**2).sum(keepdims=True),
     )
 

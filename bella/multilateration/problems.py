@@ -96,7 +96,9 @@ class Problems:
         """The problem of each point; a single problem is left as it is, since it broadcasts."""
         if self.count == 1:
             return self
-        return replace(self, **{name: getattr(self, name)[..., owner] for name in PER_PROBLEM})
+        if isinstance(owner, slice):
+            return replace(self, **{name: getattr(self, name)[..., owner] for name in PER_PROBLEM})
+        return replace(self, **{name: getattr(self, name).take(owner, axis=-1) for name in PER_PROBLEM})
 
     def spread(self) -> "Problems":
         """The problems with one more axis, along which each may have many points."""

@@ -11,8 +11,9 @@ import contourpy
 import numpy as np
 from scipy import stats
 
-from bella.multilateration.cells import Cells, mixed, normalised, summed, turned
-from bella.multilateration.likelihood import density, evaluate
+from bella.multilateration.axes import Axes
+from bella.multilateration.cells import Cells, normalised, summed
+from bella.multilateration.likelihood import density, evaluate, mixed
 from bella.multilateration.priors import THRESHOLDS
 from bella.multilateration.problems import IntArray, Problems, blocks
 from bella.multilateration.speed import log_speed_factor, speed_prior_is_gaussian
@@ -21,7 +22,7 @@ from bella.units import FloatArray
 LEVELS = (0.68, 0.95)
 FINER = 6
 """Each cell is divided this many times, at most, along x and y before regions are measured."""
-POINTS, PIXELS = 8_000, 40_000
+POINTS, PIXELS = 4_000, 40_000
 """Points of a posterior, and of the square image around it, from which on its cells are divided less: a long ridge has
 many cells, and the errors that its border makes in the area average out."""
 RELEVANT_NATS = 6.0
@@ -46,26 +47,27 @@ class Image:
         Place of the first lattice point along the axes of the lattice, solar radii.
     pitch : ndarray, shape (D,)
         Distance of lattice points along each axis, solar radii.
-    turn : ndarray, shape (2,)
-        Cosine and sine of the angle from the x axis to the first axis of the lattice.
+    axes : Axes
+        Of the lattice, B = 1.
     """
 
     log_density: FloatArray
     corner: FloatArray
     pitch: FloatArray
-    turn: FloatArray
+    axes: Axes
 
     @classmethod
-    def of(cls, index: IntArray, density: FloatArray, origin: float, pitch: FloatArray, turn: FloatArray) -> "Image":
+    def of(cls, index: IntArray, density: FloatArray, origin: FloatArray, pitch: FloatArray, axes: Axes) -> "Image":
         """Image of the points with some coordinates (D, M) on a lattice whose first cell begins at an origin."""
         low = index.min(axis=1) - 1
         lattice = np.full(index.max(axis=1) - low + 2, -np.inf)
         lattice[tuple(index - low[:, None])] = density
-        return cls(lattice, origin + (low + 0.5) * pitch, pitch, turn)
+        return cls(lattice, origin + (low + 0.5) * pitch, pitch, axes)
 
     def place(self, index: FloatArray) -> FloatArray:
         """Position of lattice coordinates, solar radii."""
-        return turned((self.corner + index * self.pitch).T, self.turn).T
+        along = np.atleast_2d(self.corner + index * self.pitch).T
+        return self.axes.place(along, slice(0, 1)).T.reshape(np.shape(index))
 
 
 @dataclass(frozen=True)
@@ -174,7 +176,11 @@ def regions_of(problems: Problems, cells: Cells) -> list[Region]:
     fine = np.concatenate([log_density(problems.at(one), points[:, part]) for part, one in blocks(owner)])
     some = [slice(cuts[b], cuts[b + 1]) for b in range(problems.count)]
     return [
-        _region(Image.of(index[:, part], fine[part], cells.origin, pitch[:, b], cells.turn[:, b]), fine[part], held[b])
+        _region(
+            Image.of(index[:, part], fine[part], cells.origin[:, b], pitch[:, b], cells.axes.one(b)),
+            fine[part],
+            held[b],
+        )
         for b, part in enumerate(some)
     ]
 
@@ -224,7 +230,7 @@ def _kernel_image(positions: FloatArray, bandwidth: float) -> Image:
     corner = low - 2 * pitch
     points = corner[:, None] + np.indices(shape).reshape(dimensions, -1) * pitch[:, None]
     kernel = stats.gaussian_kde(shrunk.T, bw_method=bandwidth)
-    return Image(kernel.logpdf(points).reshape(shape), corner, pitch, np.array([1.0, 0.0]))
+    return Image(kernel.logpdf(points).reshape(shape), corner, pitch, Axes.straight(np.array([[1.0], [0.0]])))
 
 
 def _region(image: Image, density: FloatArray, held: float = 1.0) -> Region:
@@ -250,7 +256,7 @@ def _seen_from_north(image: Image) -> Image:
     with np.errstate(divide="ignore"):
         top = image.log_density.max()
         flat = top + np.log(np.exp(image.log_density - top).sum(axis=2))
-    return Image(flat, image.corner[:2], image.pitch[:2], image.turn)
+    return Image(flat, image.corner[:2], image.pitch[:2], image.axes)
 
 
 def _ladder(density: FloatArray, held: float) -> _Ladder:
@@ -321,15 +327,19 @@ def find_modes(image: Image) -> Modes:
     place[flat] = np.arange(value.size)
     strides = np.cumprod((1, *inner.shape[:0:-1]))[::-1]
     steps = np.array([step for step in product((-1, 0, 1), repeat=len(shape)) if any(step)]) @ strides
-    neighbours = place[flat + steps[:, None]]
-    basin = _basins(value, neighbours)
+    neighbours = place.take(flat + steps[:, None])
+    around = np.append(value, -np.inf).take(neighbours)
+    place_rsun = image.place(np.stack(np.unravel_index(flat, inner.shape), axis=-1).astype(np.float64) - 1)
+    mass = np.exp(value - value.max())
+    if np.count_nonzero(around.max(axis=0) <= value) == 1:
+        return Modes((mass @ place_rsun / mass.sum())[None], np.ones(1))
+    basin = _basins(value, neighbours, around)
     joined = _merged(value, neighbours, basin)
-    return _of_basins(image, np.stack(np.unravel_index(flat, inner.shape)) - 1, value, joined[basin])
+    return _of_basins(place_rsun, value, mass, joined[basin])
 
 
-def _basins(value: FloatArray, neighbours: IntArray) -> IntArray:
+def _basins(value: FloatArray, neighbours: IntArray, around: FloatArray) -> IntArray:
     """Maximum, as a point, that steepest ascent from each point ends in."""
-    around = np.append(value, -np.inf)[neighbours]
     best = around.argmax(axis=0)
     point = np.arange(value.size)
     upward = np.where(around[best, point] > value, neighbours[best, point], point)
@@ -365,12 +375,11 @@ def _root(stands: IntArray, maximum: int) -> int:
     return maximum
 
 
-def _of_basins(image: Image, index: IntArray, value: FloatArray, mode: IntArray) -> Modes:
+def _of_basins(place_rsun: FloatArray, value: FloatArray, mass: FloatArray, mode: IntArray) -> Modes:
     """Mean and weight of each mode."""
-    mass = np.exp(value - value.max())
     found, number = np.unique(mode, return_inverse=True)
     weight = np.bincount(number, mass)
-    mean = np.stack([np.bincount(number, mass * axis) for axis in index], axis=1) / weight[:, None]
+    mean = np.stack([np.bincount(number, mass * axis) for axis in place_rsun.T], axis=1) / weight[:, None]
     order = np.argsort(-weight, kind="stable")
     kept = order[value[found[order]] >= value.max() - THRESHOLDS.mode_nats]
-    return Modes(image.place(mean)[kept], weight[kept] / weight[kept].sum())
+    return Modes(mean[kept], weight[kept] / weight[kept].sum())

@@ -141,34 +141,6 @@ class TdoaSolution:
     singular: BoolArray
 
 
-def closed_form(receivers: FloatArray, arrival_s: FloatArray) -> Roots:
-    """Both roots of the closed form for D + 1 receivers, the first of them the reference.
-
-    Parameters
-    ----------
-    receivers : ndarray, shape (B, n, 3)
-        Solar radii; n = 3 puts the source in the plane z = 0, n = 4 in space.
-    arrival_s : ndarray, shape (B, n)
-        Arrival times, s.
-
-    Returns
-    -------
-    Roots
-
-    Raises
-    ------
-    InputError
-        If n is neither 3 nor 4, or names the row that is not usable.
-    GeometryError
-        If the receivers lie on one line (n = 4: in one plane).
-    """
-    arrival_s = np.asarray(arrival_s, dtype=np.float64)
-    dimensions = arrival_s.shape[-1] - 1
-    timing = timing_of(receivers, arrival_s, np.ones_like(arrival_s), dimensions)
-    _check_spread(timing, dimensions)
-    return _roots(timing, np.zeros(len(arrival_s), dtype=np.intp), dimensions)
-
-
 def solve(
     receivers: FloatArray,
     arrival_s: FloatArray,
@@ -219,7 +191,7 @@ def _check_spread(timing: Timing, dimensions: int) -> None:
     reject_rows(np.less_equal(spread[:, -1], ON_ONE_LINE * spread[:, 0]), reason, GeometryError)
 
 
-def _roots(timing: Timing, reference: IntArray, dimensions: int) -> Roots:
+def both_roots(timing: Timing, reference: IntArray, dimensions: int) -> Roots:
     """Solve the module's equations; by weighted linear least squares where there are more than D + 1 receivers."""
     row = np.arange(len(reference))
     p0 = timing.receivers[row, reference]
@@ -268,7 +240,7 @@ def _chosen(points: FloatArray, rho: FloatArray, real: BoolArray, ordered: BoolA
 def _solved(timing: Timing, dimensions: int) -> TdoaSolution:
     # the receiver that heard it first: a reference that does not depend on the order in which they are listed
     first = np.where(timing.present, timing.delay_s, np.inf).argmin(axis=1)
-    roots = _roots(timing, first, dimensions)
+    roots = both_roots(timing, first, dimensions)
     exact = timing.present.sum(axis=1) == dimensions + 1
     settled = exact & (roots.chosen >= 0)
     position = roots.points[np.arange(len(first)), roots.chosen]

@@ -330,6 +330,11 @@ class BroughtFolder:
         """Files that cannot be read, each with its reason."""
         return tuple(one.removeprefix("left out: ") for one in self._folder.left_out)
 
+    @property
+    def others(self) -> tuple[str, ...]:
+        """Names of files that are not looked at and do not look like data."""
+        return self._folder.others
+
     def days(self, first: date | None, last: date | None) -> Sequence[date]:
         """Days of [first, last] with records, in order.
 

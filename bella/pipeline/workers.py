@@ -13,13 +13,16 @@ from concurrent.futures import Future, ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
 from multiprocessing.process import parent_process
 from pathlib import Path
-from typing import Any, Self, TypeVar
+from typing import TYPE_CHECKING, Any, Self, TypeVar
 
 from bella.exceptions import InputError, WorkerLostError
 from bella.logs import log_to
 from bella.settings import Settings
 from bella.spacecraft import extend_with
 from bella.threads import ONE_THREAD
+
+if TYPE_CHECKING:
+    from bella.pipeline.scheduler import Scheduler
 
 T = TypeVar("T")
 ORPHANED = 3
@@ -70,6 +73,8 @@ def prepare(settings: Settings) -> None:
 class Workers:
     """A pool of processes; with one worker everything is computed in this process.
 
+    Where settings name a dask scheduler, its workers compute instead, see :mod:`bella.pipeline.scheduler`.
+
     Parameters
     ----------
     number : int
@@ -83,6 +88,7 @@ class Workers:
         self.number = number
         self._given = (settings, log)
         self._pool: ProcessPoolExecutor | None = None
+        self._scheduler: Scheduler | None = None
         self._turn = threading.Lock()
 
     def __enter__(self) -> Self:
@@ -93,6 +99,9 @@ class Workers:
             if self._pool is not None:
                 self._pool.shutdown(cancel_futures=True)
                 self._pool = None
+            if self._scheduler is not None:
+                self._scheduler.close()
+                self._scheduler = None
 
     def call(self, function: Callable[..., T], *arguments: Any) -> T:
         """Result of a function of a module, computed by a worker.
@@ -107,11 +116,21 @@ class Workers:
 
     def map(self, function: Callable[..., T], arguments: Iterable[tuple[Any, ...]]) -> list[T]:
         """Results of a function for several arguments, in their order; see :meth:`call`."""
+        if self._given[0].dask:
+            return self._connected().map(function, arguments)
         if self.number == 1:
             return [function(*each) for each in arguments]
         with self._started() as pool:
             futures: list[Future[T]] = [pool.submit(function, *each) for each in arguments]
             return [future.result() for future in futures]
+
+    def _connected(self) -> "Scheduler":
+        from bella.pipeline.scheduler import Scheduler  # noqa: PLC0415 - an extra of its own
+
+        with self._turn:
+            if self._scheduler is None:
+                self._scheduler = Scheduler(self._given[0])
+            return self._scheduler
 
     @contextlib.contextmanager
     def _started(self) -> Iterator[ProcessPoolExecutor]:

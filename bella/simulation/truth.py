@@ -1,18 +1,13 @@
 """What was simulated, in a form that can be written beside it as JSON and read back."""
 
-import json
 from collections.abc import Sequence
 from dataclasses import asdict
 from datetime import date
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from bella.exceptions import InputError
 from bella.simulation.burst import (
-    Aspect,
-    Companion,
     SimulatedBurst,
     arrival_s,
     contrast_at,
@@ -20,9 +15,7 @@ from bella.simulation.burst import (
     mean_beam_speed_c,
     source_position_rsun,
 )
-from bella.simulation.light_curves import PulseLaw
 from bella.simulation.sky import Conditions, Sky
-from bella.simulation.strata import SimulatedCase
 
 TRUTH_FREQUENCIES = 24
 """So many frequencies of every burst have their true arrival times, evenly spaced in ln f."""
@@ -80,65 +73,6 @@ def burst_truth(burst: SimulatedBurst, observatories: Sequence[str]) -> dict[str
     }
 
 
-def burst_of(truth: dict[str, Any]) -> SimulatedBurst:
-    """The burst that a truth describes.
-
-    Parameters
-    ----------
-    truth : dict
-        As :func:`burst_truth` gives it, from JSON or not.
-
-    Returns
-    -------
-    SimulatedBurst
-
-    Raises
-    ------
-    InputError
-        If it does not describe one.
-    """
-    known = {name: truth[name] for name in SimulatedBurst.__dataclass_fields__ if name in truth}
-    try:
-        known["release_utc"] = np.datetime64(known["release_utc"].rstrip("Z"), "ns")
-        known["pulse"] = PulseLaw(**known["pulse"])
-        known["aspects"] = {name: Aspect(**one) for name, one in known["aspects"].items()}
-        if known["companion"] is not None:
-            known["companion"] = Companion(**_infinite(known["companion"]))
-        return SimulatedBurst(**_infinite(known))
-    except (KeyError, TypeError, ValueError, AttributeError) as error:
-        raise InputError(f"this is not the truth of a simulated burst ({error}); give one of truth.json") from error
-
-
-def write_case(case: SimulatedCase, folder: Path) -> list[Path]:
-    """Write the spectra of an isolated burst as netCDF, with its truth beside them.
-
-    Parameters
-    ----------
-    case : SimulatedCase
-    folder : pathlib.Path
-        Made if it is not there.
-
-    Returns
-    -------
-    list of pathlib.Path
-        One file for each spacecraft; ``truth.json`` is beside them.
-    """
-    folder.mkdir(parents=True, exist_ok=True)
-    paths = []
-    for name, spectrum in case.spectra.items():
-        paths.append(folder / f"{name.lower()}.nc")
-        spectrum.to_netcdf(paths[-1], engine="h5netcdf")
-    truth = {
-        "stratum": case.stratum,
-        "fleet": case.fleet,
-        "seed": case.seed,
-        "around_utc": _stamp(case.around_utc),
-        **burst_truth(case.burst, list(case.datasets)),
-    }
-    (folder / "truth.json").write_text(json.dumps(truth, indent=1), encoding="utf-8")
-    return paths
-
-
 def _heard(burst: SimulatedBurst, frequency_mhz: np.ndarray, observatory: str) -> dict[str, Any]:
     half_rise_s = arrival_s(burst, frequency_mhz, observatory)
     light_s = light_arrival_s(burst, frequency_mhz, observatory)
@@ -179,11 +113,6 @@ def _finite(values: dict[str, Any]) -> dict[str, Any]:
         name: _finite(value) if isinstance(value, dict) else None if value == np.inf else value
         for name, value in values.items()
     }
-
-
-def _infinite(values: dict[str, Any]) -> dict[str, Any]:
-    """The same with the directivity that :func:`_finite` has made None."""
-    return values | {"directivity": np.inf} if values["directivity"] is None else values
 
 
 def _after(day: date, seconds: float) -> str:

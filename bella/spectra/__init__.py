@@ -1,8 +1,15 @@
 """Dynamic spectra: their form, reading them from files, their background, quirks of instruments, the built-in event."""
 
 from bella.spectra.background import Background, decibels, over_background, quiet_level
-from bella.spectra.cf_files import event_spectra, from_radiospectra, to_radiospectra
-from bella.spectra.combination import by_observatory, by_observatory_of_what_fits, combine_receivers, join_days
+from bella.spectra.cf_files import as_spectrum, event_spectra, from_radiospectra, to_radiospectra
+from bella.spectra.combination import (
+    FleetPiece,
+    by_observatory,
+    by_observatory_of_what_fits,
+    combine_receivers,
+    fleet_pieces,
+    join_days,
+)
 from bella.spectra.dynamic_spectrum import (
     QUANTITIES,
     integration_times_s,
@@ -21,11 +28,13 @@ __all__ = [
     "PRODUCTS",
     "QUANTITIES",
     "Background",
+    "FleetPiece",
     "Product",
     "Quirk",
     "ReceiverPosition",
     "UserDay",
     "UserFolder",
+    "as_spectrum",
     "by_observatory",
     "by_observatory_of_what_fits",
     "combine_receivers",
@@ -33,6 +42,7 @@ __all__ = [
     "event_spectra",
     "fill_in_positions",
     "find_product",
+    "fleet_pieces",
     "from_radiospectra",
     "integration_times_s",
     "join_days",

@@ -104,8 +104,8 @@ def assemble(
                 f"{origin.source}: {name} of {origin.receiver} has the shape {values.shape}, "
                 f"but there are {time.size} times and {frequency_mhz.size} frequencies"
             )
-    records = _ascending(_without_strays(time), lambda: np.isfinite(intensity).sum(axis=1))
-    channels = _ascending(frequency_mhz, lambda: np.isfinite(intensity).sum(axis=0))
+    records = ascending(without_strays(time), lambda: np.isfinite(intensity).sum(axis=1))
+    channels = ascending(frequency_mhz, lambda: np.isfinite(intensity).sum(axis=0))
     ordered = {
         name: (("frequency",), values[channels])
         if values.ndim == 1
@@ -209,6 +209,8 @@ def shared_channels(
     if (frequency_mhz == frequency_mhz[0]).all():
         return frequency_mhz[0], values
     known = np.isfinite(frequency_mhz) & (frequency_mhz > 0.0)
+    if (settled := _settled(frequency_mhz, known)) is not None:
+        return settled, values
     rows = np.sort(np.log(np.where(known, frequency_mhz, np.nan)), axis=1)
     steps = np.diff(rows, axis=1)
     step = float(np.median(steps[steps > 0.0])) if (steps > 0.0).any() else 0.0
@@ -220,6 +222,18 @@ def shared_channels(
     has_value = np.isfinite(values[known])
     spread[row[has_value], column[has_value]] = values[known][has_value]
     return channels, spread
+
+
+def _settled(frequency_mhz: npt.NDArray[Any], known: npt.NDArray[np.bool_]) -> npt.NDArray[np.float64] | None:
+    """Mean of every column where each moves by less than it is from its neighbours; None where one moves more."""
+    if not (known.any(axis=0) == known.all(axis=0)).all():
+        return None
+    with np.errstate(invalid="ignore", divide="ignore"):
+        level = np.log(np.where(known, frequency_mhz, np.nan))
+    apart = np.abs(np.diff(level, axis=1))
+    moved = level.max(axis=0) - level.min(axis=0)
+    least = np.nanmin(apart) if np.isfinite(apart).any() else np.inf
+    return np.asarray(frequency_mhz.mean(axis=0), np.float64) if np.nanmax(moved) <= SAME_CHANNEL * least else None
 
 
 def merged_channels(
@@ -286,8 +300,19 @@ def nearest_records(
     return partner
 
 
-def _without_strays(time: npt.NDArray[np.datetime64]) -> npt.NDArray[np.datetime64]:
-    """Times of records, NaT for one that lies far outside its neighbours in the file, which follow one another."""
+def without_strays(time: npt.NDArray[np.datetime64]) -> npt.NDArray[np.datetime64]:
+    """Times of records, NaT for one that lies far outside its neighbours in the file, which follow one another.
+
+    Parameters
+    ----------
+    time : numpy.ndarray
+        datetime64[ns], in the order of the file.
+
+    Returns
+    -------
+    numpy.ndarray
+        Of the same shape.
+    """
     known = np.flatnonzero(~np.isnat(time))
     if known.size < 5:
         return time
@@ -305,8 +330,20 @@ def _without_strays(time: npt.NDArray[np.datetime64]) -> npt.NDArray[np.datetime
     return kept
 
 
-def _ascending(axis: npt.NDArray[Any], data_count: Callable[[], npt.NDArray[Any]]) -> npt.NDArray[np.intp]:
-    """Indices that order an axis without its gaps; of equal ones that with most data, of those the first."""
+def ascending(axis: npt.NDArray[Any], data_count: Callable[[], npt.NDArray[Any]]) -> npt.NDArray[np.intp]:
+    """Indices that order an axis without its gaps; of equal ones that with most data, of those the first.
+
+    Parameters
+    ----------
+    axis : numpy.ndarray
+        Times, frequencies.
+    data_count : callable
+        Gives how many data stand at each place; is called only where some are equal.
+
+    Returns
+    -------
+    numpy.ndarray of int
+    """
     known = np.flatnonzero(~np.isnan(axis) if axis.dtype.kind in "fM" else np.ones(axis.size, dtype=bool))
     _, first = np.unique(axis[known], return_index=True)
     if first.size < known.size:
@@ -377,6 +414,7 @@ def assemble_sweeps(
     """
     if any(array.shape != time.shape for array in (sweep, frequency_mhz, *values.values())):
         raise InputError(f"{origin.source}: the variables of {origin.receiver} have different lengths")
+    time = without_strays(time)
     order = np.argsort(time, kind="stable")
     order = order[(~np.isnat(time) & (frequency_mhz > 0.0) & np.isfinite(sweep))[order]]
     if not order.size:

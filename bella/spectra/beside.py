@@ -4,6 +4,7 @@ All of it is looked for by name in every product, in whatever shape it comes. No
 not fit is left out, and the attribute ``left_out`` names it.
 """
 
+import re
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Any
@@ -15,18 +16,50 @@ import xarray as xr
 from bella.exceptions import InputError
 from bella.spectra.assembly import Origin, assemble, cadence_s, dwell_s, shared_channels
 from bella.spectra.cdf import CdfFile, TimeArray
+from bella.spectra.dynamic_spectrum import POSITION
 from bella.spectra.positions import with_positions
-from bella.units import FloatArray
+from bella.units import AU_KM, R_SUN_KM
 
-TIMES = ("ELAPSED_TIME_SINCE_EPOCH", "TIMING")
-FLAGS = ("INTERPOL_FLAG",)
-FLUX_AT_1_AU = ("PSD_SFU",)
-POSITIONS = ("SC_POS_HEE", "SC_POS_HEEQ", "SC_POS_HCI")
-"""Names in the files, the best first."""
+TIMES = re.compile(r"TIMING|ELAPSED|SAMPLE_?TIME|TIME_?(OFFSET|SHIFT|DELAY|SINCE)|OFFSET_?(TIME|S$|SEC|EPOCH)")
+TIMES_DESCRIBED = re.compile(
+    r"(time|temporal) offset|offset (in time|from|of each|of the)|elapsed|time (since|after)|seconds? (since|after)"
+)
+FLAGS = re.compile(r"INTERP(?!RET)")
+FLAGS_DESCRIBED, FLAG_LIKE = re.compile(r"interpolat"), re.compile(r"FLAG|QUALITY|STATUS|MASK|MEASURED|VALID")
+FLUX_AT_1_AU = re.compile(r"(^|_)(PSD_SFU|SFU_?1_?AU|FLUX_?(AT_)?1_?AU)$")
+POSITIONS = re.compile(r"(?:^|_)(?:SC_?|SPACECRAFT_?)?POS(?:ITION)?_(HEEQ|HEE|HCI|GSE)$")
+"""Names in the files, upper case, and what descriptions say of variables whose names do not tell."""
 
-SECONDS = {"ns": 1e-9, "us": 1e-6, "ms": 1e-3, "s": 1.0, "sec": 1.0, "seconds": 1.0, "second": 1.0, "": 1.0}
+INTERPOLATED = re.compile(
+    r"(\d+)\W*(?:means|is|if|for|are)?\W*(?:(?:the|sample|samples|value|values|data|was|were|is|been|has)\W+)*"
+    r"(not\W+|non\W*|un)?interpolat"
+)
+AFTERWARDS = re.compile(
+    r"(not\W+|non\W*|un)?interpolat\w*\W*(?:(?:sample|samples|value|values|data|are|is)\W+)*[=:(]\W*(\d+)"
+)
+MEASURED = re.compile(r"(\d+)\W*(?:means|is|if|for|are)?\W*(?:measured|observed|original|valid|good)")
+DESCRIPTIONS = ("CATDESC", "FIELDNAM", "VAR_NOTES", "LABLAXIS", "DESCRIPTION", "LONG_NAME")
+FLAG_FILLS = (255, -128, -32768, 65535, -(2**31), 2**32 - 1)
+"""Fill values of whole numbers where a file states none (ISTP guidelines)."""
+
+NO_UNIT = re.compile(r"TIMING|ELAPSED")
+"""Times that are in seconds where no unit is stated."""
+
+SECONDS = {
+    **dict.fromkeys(("ns", "nsec", "nanosecond", "nanoseconds"), 1e-9),
+    **dict.fromkeys(("us", "usec", "microsecond", "microseconds"), 1e-6),
+    **dict.fromkeys(("ms", "msec", "millisecond", "milliseconds"), 1e-3),
+    **dict.fromkeys(("s", "sec", "secs", "second", "seconds"), 1.0),
+    **dict.fromkeys(("min", "mins", "minute", "minutes"), 60.0),
+}
 LONGEST_SWEEP_S = 3600.0
-KILOMETRES = ("", "km", "kilometer", "kilometers", "kilometre", "kilometres")
+SFU = {"sfu": 1.0, "solar flux unit": 1.0, "solar flux units": 1.0, "": 1.0, "w/m^2/hz": 1e22, "w m-2 hz-1": 1e22}
+KILOMETRES = {
+    **dict.fromkeys(("", "km", "kilometer", "kilometers", "kilometre", "kilometres"), 1.0),
+    **dict.fromkeys(("m", "meter", "meters", "metre", "metres"), 1e-3),
+    **dict.fromkeys(("au", "astronomical unit", "astronomical units"), AU_KM),
+    **dict.fromkeys(("rsun", "r_sun", "rs", "solar radii", "solrad"), R_SUN_KM),
+}
 
 
 def epoch_of(cdf: CdfFile, variable: str = "") -> str:
@@ -38,11 +71,10 @@ def epoch_of(cdf: CdfFile, variable: str = "") -> str:
         If there is none.
     """
     stated = cdf.attribute("DEPEND_0", variable) if variable else ""
-    found = cdf.first_with_data(*filter(None, (stated, "Epoch", "EPOCH", "epoch")))
+    others = sorted(name for name in cdf.variables if cdf.is_epoch(name) and cdf.varies(name))
+    found = cdf.first_with_data(*filter(None, (stated, "Epoch", *others)))
     if not found:
-        raise InputError(
-            f"{cdf.name} has no times: neither Epoch nor EPOCH holds any; take another version of the file"
-        )
+        raise InputError(f"{cdf.name} has no times: Epoch and the like hold none; take another version of the file")
     return found
 
 
@@ -86,7 +118,7 @@ def read_records(  # noqa: PLR0913, PLR0917 - one argument per variable of the f
     InputError
         If intensity, times and frequencies do not fit together.
     """
-    beside = Beside(cdf, values.shape)
+    beside = Beside(cdf, values.shape, variable)
     channels = frequency_mhz.shape[-1]
     if values.shape != (time.size, channels):
         raise InputError(
@@ -94,28 +126,27 @@ def read_records(  # noqa: PLR0913, PLR0917 - one argument per variable of the f
             "frequencies: take another version of the file"
         )
     found: dict[str, npt.NDArray[Any]] = {}
-    at_1_au = [("flux_sfu_1au", name) for name in FLUX_AT_1_AU if cdf.has_records(name)]
-    wanted = {**dict(at_1_au), **(extra or {})}
-    for name, stored in wanted.items():
+    for name, stored in (extra or {}).items():
         matrix = beside.matrix(stored)
         if matrix is not None:
             found[name] = shared_channels(frequency_mhz, matrix, cdf.name)[1].astype(np.float32, copy=False)
+    sfu = beside.flux_sfu_1au()
+    if sfu is not None:
+        found["flux_sfu_1au"] = shared_channels(frequency_mhz, sfu, cdf.name)[1].astype(np.float32, copy=False)
     flagged = beside.flagged()
     if flagged is not None:
         found["interpolated"] = _without_flagged(flagged, frequency_mhz, values, cdf.name)
-    offset_s = beside.offset_s()
+    offset_s = beside.offset_s(time)
     shared_mhz, values = shared_channels(frequency_mhz, values, cdf.name)
-    start = time
     if offset_s is not None:
         offset_s = shared_channels(frequency_mhz, offset_s, cdf.name)[1]
-        time, found["sample_time"] = _timed(start, offset_s)
-        origin = replace(origin, integration_s=dwell_s(found["sample_time"][0]))
+        time, found["sample_time"] = timed(time, offset_s)
+        origin = replace(origin, integration_s=min(origin.integration_s, dwell_s(found["sample_time"][0])))
     spectrum = assemble(origin, time, shared_mhz, values, found)
     if "flux_sfu_1au" in spectrum:
         spectrum["flux_sfu_1au"] = spectrum["flux_sfu_1au"].where(np.isfinite(spectrum["intensity"]))
         spectrum["flux_sfu_1au"].attrs = {"long_name": "flux density at 1 au", "units": "sfu"}
-    spectrum = _placed(cdf, spectrum, start)
-    return spectrum.assign_attrs(left_out=";".join(beside.left_out)) if beside.left_out else spectrum
+    return beside.noted(spectrum)
 
 
 class Beside:
@@ -127,6 +158,10 @@ class Beside:
         The open file.
     shape : tuple of int
         Of the intensity, records first.
+    variable : str
+        Its name in the file.
+    others : sequence of str
+        Words in the names of variables that belong to another intensity of the file, such as ``RAD2``.
 
     Attributes
     ----------
@@ -134,30 +169,76 @@ class Beside:
         Names of variables that are there and do not fit.
     """
 
-    def __init__(self, cdf: CdfFile, shape: tuple[int, ...]) -> None:
-        self._cdf, self._shape = cdf, shape
+    def __init__(self, cdf: CdfFile, shape: tuple[int, ...], variable: str = "", others: Sequence[str] = ()) -> None:
+        self._cdf, self._shape, self._variable = cdf, shape, variable
+        self._others = tuple(one.upper() for one in others)
         self.left_out: list[str] = []
 
-    def offset_s(self) -> npt.NDArray[Any] | None:
+    def noted(self, spectrum: xr.Dataset) -> xr.Dataset:
+        """A spectrum with the names of what did not fit."""
+        return spectrum.assign_attrs(left_out=";".join(self.left_out)) if self.left_out else spectrum
+
+    def offset_s(self, start: TimeArray) -> npt.NDArray[Any] | None:
         """How long after the time of its record each sample was taken, s, NaN where not known; None without any."""
-        for name in self._named(TIMES):
-            seconds = SECONDS.get(self._cdf.attribute("UNITS", name).lower().strip("[]() "))
-            offset = self.matrix(name) if seconds is not None else None
-            if offset is None or seconds is None:
-                self._leave_out(name)
+        for name in self._named(TIMES, TIMES_DESCRIBED):
+            is_epoch = self._cdf.is_epoch(name)
+            offset_s = self._absolute_s(name, start) if is_epoch else self._relative_s(name)
+            if offset_s is None:
+                if not is_epoch:
+                    self._leave_out(name)
                 continue
-            offset_s = offset.astype(np.float64) * seconds
-            offset_s[np.abs(offset_s) >= LONGEST_SWEEP_S] = np.nan
+            offset_s[~(np.abs(offset_s) < LONGEST_SWEEP_S)] = np.nan
             if np.isfinite(offset_s).any():
                 return offset_s
+            self._leave_out(name)
         return None
+
+    def _relative_s(self, name: str) -> npt.NDArray[Any] | None:
+        unit = self._cdf.attribute("UNITS", name).lower().strip("[]() ")
+        seconds = SECONDS.get(unit) if unit or not NO_UNIT.search(name.upper()) else 1.0
+        offset = self.matrix(name) if seconds is not None else None
+        return None if offset is None or seconds is None else offset.astype(np.float64) * seconds
+
+    def _absolute_s(self, name: str, start: TimeArray) -> npt.NDArray[Any] | None:
+        """Of samples that have times of their own."""
+        try:
+            times = self._cdf.utc(name, dimensions=None)
+        except InputError:
+            return None
+        if times.ndim < 2 or times.shape != self._shape:  # else they are those of records
+            return None
+        offset = times - start.reshape(-1, *[1] * (times.ndim - 1))
+        offset_s = np.where(np.isnat(offset), np.nan, offset / np.timedelta64(1, "s"))
+        return self._fitted(name, offset_s)
 
     def flagged(self) -> npt.NDArray[np.bool_] | None:
         """Samples that were not measured, in the shape of the intensity; None without flags."""
-        for name in self._named(FLAGS):
-            flag = self.matrix(name)
+        found: npt.NDArray[np.bool_] | None = None
+        for name in self._named(FLAGS, FLAGS_DESCRIBED, FLAG_LIKE):
+            flag = self._flag(name)
             if flag is not None:
-                return np.asarray(np.isfinite(flag) & (flag != 0.0))
+                found = flag if found is None else found | flag
+        return found
+
+    def shifted(self, time: TimeArray) -> TimeArray:
+        """Times of samples that have one each, with their offsets, if the file has any."""
+        offset_s = self.offset_s(time)
+        return time if offset_s is None else time + np.rint(np.nan_to_num(offset_s) * 1e9).astype("timedelta64[ns]")
+
+    def clear(self, values: npt.NDArray[Any]) -> None:
+        """Take away, in place, what was not measured."""
+        flagged = self.flagged()
+        if flagged is not None:
+            values[flagged] = np.nan
+
+    def flux_sfu_1au(self) -> npt.NDArray[Any] | None:
+        """Flux density at 1 au, sfu, in the shape of the intensity; None without any."""
+        for name in self._named(FLUX_AT_1_AU):
+            factor = SFU.get(self._cdf.attribute("UNITS", name).lower().strip("[]() "))
+            sfu = self.matrix(name) if factor is not None else None
+            if sfu is not None and factor is not None:
+                return sfu * np.float32(factor)
+            self._leave_out(name)
         return None
 
     def matrix(self, name: str) -> npt.NDArray[Any] | None:
@@ -170,6 +251,9 @@ class Beside:
         except InputError:
             self._leave_out(name)
             return None
+        return self._fitted(name, values)
+
+    def _fitted(self, name: str, values: npt.NDArray[Any]) -> npt.NDArray[Any] | None:
         if values.ndim == len(self._shape) + 1 and values.shape[:-1] == self._shape:
             count = np.isfinite(values).sum(axis=-1)
             values = np.where(count > 0, np.nansum(values, axis=-1) / np.maximum(count, 1), np.nan)
@@ -183,13 +267,62 @@ class Beside:
         self._leave_out(name)
         return None
 
+    def _flag(self, name: str) -> npt.NDArray[np.bool_] | None:
+        """Where a flag says that a sample was interpolated, as far as its description tells what it means."""
+        try:
+            values = self._cdf.numbers(name)
+        except InputError:
+            self._leave_out(name)
+            return None
+        known = np.isfinite(values)
+        is_whole = known & (values == np.rint(np.where(known, values, 0.0)))
+        if (known & ~is_whole).any() and "FLAG" not in name.upper():
+            return None  # values that were interpolated, no flags
+        known &= ~np.isin(values, FLAG_FILLS)
+        said = self._described(name)
+        is_interpolated = FLAGS.search(name.upper())
+        if found := INTERPOLATED.search(said):
+            at = values == int(found[1])
+            flagged = ~at if found[2] else at
+        elif found := AFTERWARDS.search(said):
+            at = values == int(found[2])
+            flagged = ~at if found[1] else at
+        elif found := MEASURED.search(said):
+            flagged = values != int(found[1])
+        elif not is_interpolated:
+            return None
+        else:
+            flagged = (values == 0.0) if re.search(r"(NOT|NON|UN)_?INTERP", name.upper()) else (values != 0.0)
+        fitted = self._fitted(name, (flagged & known).astype(np.float32))
+        return None if fitted is None else fitted > 0.0
+
+    def _described(self, name: str) -> str:
+        said = " ".join(self._cdf.attribute(one, name) for one in DESCRIPTIONS).lower()
+        values, meanings = (self._cdf.attribute(one, name).lower() for one in ("FLAG_VALUES", "FLAG_MEANINGS"))
+        pairs = zip(re.findall(r"-?\d+", values), re.split(r"[\s,;]+", meanings), strict=False)
+        return "; ".join([said, *(f"{value}: {meaning.replace('_', ' ')}" for value, meaning in pairs)])
+
     def _leave_out(self, name: str) -> None:
         if name not in self.left_out:
             self.left_out.append(name)
 
-    def _named(self, names: Sequence[str]) -> list[str]:
-        by_name = {name.upper(): name for name in sorted(self._cdf.variables)}
-        return [by_name[name] for name in names if name in by_name and self._cdf.has_records(by_name[name])]
+    def _named(
+        self, names: re.Pattern[str], descriptions: re.Pattern[str] | None = None, like: re.Pattern[str] | None = None
+    ) -> list[str]:
+        """Variables with data that are named or described so, those that are named so first."""
+        own = self._variable.upper()
+        held = [
+            name
+            for name in sorted(self._cdf.variables)
+            if name != self._variable
+            and not any(one in name.upper() and one not in own for one in self._others)
+            and self._cdf.has_records(name)
+        ]
+        named = [name for name in held if names.search(name.upper())]
+        if descriptions is None:
+            return named
+        rest = [name for name in held if name not in named and (like is None or like.search(name.upper()))]
+        return named + [name for name in rest if descriptions.search(self._cdf.attribute("CATDESC", name).lower())]
 
 
 def _without_flagged(
@@ -204,8 +337,21 @@ def _without_flagged(
     return never
 
 
-def _timed(start: TimeArray, offset_s: npt.NDArray[Any]) -> tuple[TimeArray, TimeArray]:
-    """Middle of each record, and the time of each sample; one without an offset has that of the middle."""
+def timed(start: TimeArray, offset_s: npt.NDArray[Any]) -> tuple[TimeArray, TimeArray]:
+    """Middle of each record, and the time of each sample; one without an offset has that of the middle.
+
+    Parameters
+    ----------
+    start : numpy.ndarray
+        datetime64[ns], shape (records,).
+    offset_s : numpy.ndarray
+        Shape (records, channels), NaN where not known.
+
+    Returns
+    -------
+    tuple of numpy.ndarray
+        datetime64[ns], of shapes (records,) and (records, channels).
+    """
     middle_s = 0.5 * (np.nanmin(offset_s) + np.nanmax(offset_s))
     offset_ns = np.where(np.isfinite(offset_s), offset_s, middle_s)
     offset_ns *= 1e9
@@ -213,18 +359,54 @@ def _timed(start: TimeArray, offset_s: npt.NDArray[Any]) -> tuple[TimeArray, Tim
     return start + np.timedelta64(round(middle_s * 1e9), "ns"), start[:, None] + offset
 
 
-def _placed(cdf: CdfFile, spectrum: xr.Dataset, time: TimeArray) -> xr.Dataset:
-    """With the first positions in km that the file has."""
-    for name in POSITIONS:
-        if not cdf.has_records(name) or cdf.attribute("UNITS", name).lower() not in KILOMETRES:
+def with_stated_positions(cdf: CdfFile, spectrum: xr.Dataset) -> xr.Dataset:
+    """A spectrum with where the spacecraft was, if the file says so: at times of its own, at each record, or once.
+
+    Parameters
+    ----------
+    cdf : CdfFile
+        The open file, of one spacecraft.
+    spectrum : xarray.Dataset
+        What was read from it.
+
+    Returns
+    -------
+    xarray.Dataset
+        With ``position_km`` in the first of HEE, HEEQ, HCI and GSE that the file has; what does not fit is named in
+        ``left_out``.
+    """
+    frames = ("HEE", "HEEQ", "HCI", "GSE")
+    named = {name: found[1] for name in cdf.variables if (found := POSITIONS.search(name.strip().upper()))}
+    left_out = [one for one in str(spectrum.attrs.get("left_out", "")).split(";") if one]
+    for name in sorted(named, key=lambda one: (frames.index(named[one]), one)):
+        if not cdf.has_records(name):
             continue
         try:
-            stated_km: FloatArray = cdf.numbers(name, 2).astype(np.float64)
+            placed = _placed(cdf, spectrum, name, named[name].lower())
         except InputError:
-            continue
-        if stated_km.shape == (time.size, 3) and np.isfinite(stated_km).any():
-            return with_positions(spectrum, time, stated_km, name.rsplit("_", 1)[-1].lower())
-    return spectrum
+            placed = None
+        if placed is not None:
+            return placed
+        left_out.append(name)
+    return spectrum.assign_attrs(left_out=";".join(left_out)) if left_out else spectrum
+
+
+def _placed(cdf: CdfFile, spectrum: xr.Dataset, name: str, frame: str) -> xr.Dataset | None:
+    factor = KILOMETRES.get(cdf.attribute("UNITS", name).lower().strip("[]() "))
+    if factor is None:
+        return None
+    stated_km = np.atleast_2d(cdf.numbers(name).astype(np.float64)) * factor
+    if stated_km.ndim != 2 or stated_km.shape[1] != 3 or not np.isfinite(stated_km).all(axis=1).any():
+        return None
+    if not cdf.varies(name):
+        time = spectrum["time"].to_numpy()
+        stated_km = np.repeat(stated_km[:1], time.size, axis=0)
+    else:
+        time = cdf.utc(epoch_of(cdf, name))
+        if len(stated_km) != time.size:
+            return None
+    placed = with_positions(spectrum, time, stated_km, frame)
+    return placed if POSITION in placed else None
 
 
 def longest_dwell_s(time: TimeArray, channels: int) -> float:

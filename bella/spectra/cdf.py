@@ -34,10 +34,19 @@ FIRST, LAST = np.datetime64("1990-01-01", "ns"), np.datetime64("2060-01-01", "ns
 
 J2000 = np.datetime64("2000-01-01T12:00:00", "ns")
 CDF_EPOCH, CDF_EPOCH16, CDF_TIME_TT2000 = 31, 32, 33
+EPOCHS = (CDF_EPOCH, CDF_EPOCH16, CDF_TIME_TT2000)
+PREVIOUS, MOST_SPARSE = 2, 1 << 20
+"""Kind of sparse records that repeat the one before; most that are made of those that are not stored."""
+
 AT_ONCE = 1 << 13
 """Values that are converted at once, so that what that takes stays small."""
 
-MHZ = {"hz": 1e-6, "khz": 1e-3, "mhz": 1.0}
+MHZ = {"hz": 1e-6, "khz": 1e-3, "mhz": 1.0, "ghz": 1e3}
+MHZ |= {"hertz": 1e-6, "kilohertz": 1e-3, "megahertz": 1.0, "gigahertz": 1e3}
+
+
+TOO_LOW, TOO_HIGH = 100.0, 300.0
+"""Units differ by factors of 1000, and the bands that are read of a receiver by less than these."""
 
 
 class CdfFile:
@@ -59,17 +68,28 @@ class CdfFile:
     def __init__(self, path: Path) -> None:
         self.name = path.name
         self._cpu_s = cpu_limit_s(path)
-        self.variables: frozenset[str] = frozenset(self._ask("open", str(path.absolute())))
-        self._described: dict[str, dict[str, int]] = {}
+        self._described: dict[str, dict[str, Any]] = self._ask("open", str(path.absolute()))
+        self.variables: frozenset[str] = frozenset(self._described)
+        self._by_plain_name: dict[str, str] = {
+            name.strip().lower(): name for name in sorted(self._described, reverse=True)
+        }
 
     def attribute(self, name: str, variable: str | None = None) -> str:
         """Text of an attribute of the file, or of one of its variables; empty where there is none."""
-        value = self._ask("attribute", name, variable)
+        stored = None if variable is None else self.stored_name(variable)
+        value = None if variable is not None and not stored else self._ask("attribute", name, stored)
         return "" if value is None else str(value).strip()
+
+    def stored_name(self, variable: str) -> str:
+        """Name of a variable as the file has it, which may differ in case and blanks; empty where there is none."""
+        if variable in self.variables:
+            return variable
+        return str(self._by_plain_name.get(variable.strip().lower(), ""))
 
     def has_records(self, variable: str) -> bool:
         """Whether anything was written to a variable: many of PSP's have a name and nothing else."""
-        return variable in self.variables and self._description(variable)["records"] > 0
+        stored = self.stored_name(variable)
+        return bool(stored) and self._described[stored]["records"] > 0
 
     def varies(self, variable: str) -> bool:
         """Whether a variable has one value, or row of values, for each record."""
@@ -80,7 +100,7 @@ class CdfFile:
         return next((name for name in variables if self.has_records(name) and self._has_values(name)), "")
 
     def _has_values(self, variable: str) -> bool:
-        if self._description(variable)["kind"] in {CDF_EPOCH, CDF_EPOCH16, CDF_TIME_TT2000}:
+        if self.is_epoch(variable):
             return bool((~np.isnat(self.utc(variable))).any())
         try:
             return bool(np.isfinite(self.numbers(variable)).any())
@@ -110,7 +130,7 @@ class CdfFile:
         stored = self._values(variable, dimensions)
         if not np.issubdtype(stored.dtype, np.number) or np.iscomplexobj(stored):
             raise InputError(f"{self.name}: variable {variable!r} holds no numbers")
-        fill = self._ask("attribute", "FILLVAL", variable)
+        fill = self._ask("attribute", "FILLVAL", self.stored_name(variable))
         values = stored if stored.dtype == np.float32 else stored.astype(np.float64)
         rows, origin = np.atleast_1d(values), np.atleast_1d(stored)
         step = max(AT_ONCE * len(rows) // max(rows.size, 1), 1)
@@ -121,18 +141,24 @@ class CdfFile:
             part[np.abs(part) >= LARGEST_NUMBER] = np.nan
         return values
 
-    def utc(self, variable: str) -> TimeArray:
+    def is_epoch(self, variable: str) -> bool:
+        """Whether a variable has times."""
+        return bool(self.has_records(variable) and self._described[self.stored_name(variable)]["kind"] in EPOCHS)
+
+    def utc(self, variable: str, dimensions: int | None = 1) -> TimeArray:
         """Times of a variable of type CDF_EPOCH, CDF_EPOCH16 or CDF_TIME_TT2000.
 
         Parameters
         ----------
         variable : str
             Its name.
+        dimensions : int, optional
+            How many the array must have.
 
         Returns
         -------
         numpy.ndarray
-            datetime64[ns], UTC, shape (records,); NaT where the file has a fill value.
+            datetime64[ns], UTC; NaT where the file has a fill value.
 
         Raises
         ------
@@ -140,16 +166,16 @@ class CdfFile:
             If there is no such variable, if it is of another type, or if a time is none of the space age.
         """
         kind = self._description(variable)["kind"]
-        if kind not in {CDF_EPOCH, CDF_EPOCH16, CDF_TIME_TT2000}:
+        if kind not in EPOCHS:
             raise InputError(f"{self.name}: variable {variable!r} is not CDF_EPOCH or CDF_TIME_TT2000")
-        stored = self._values(variable, 1)
+        stored = self._values(variable, dimensions)
         if kind == CDF_TIME_TT2000:
             counts = stored.astype(np.int64)
             times, is_fill = utc_of_tt2000(counts), counts <= LOWEST_TT2000
         else:
             epoch_ms = stored.real * 1e3 + stored.imag * 1e-9 if kind == CDF_EPOCH16 else stored.astype(np.float64)
             times, is_fill = utc_of_cdf_epoch(epoch_ms), ~((epoch_ms > 0.0) & (epoch_ms < YEAR_9000_MS))
-        fill = self._ask("attribute", "FILLVAL", variable)
+        fill = self._ask("attribute", "FILLVAL", self.stored_name(variable))
         if isinstance(fill, int | float):
             is_fill |= np.abs(stored) == abs(fill) if kind == CDF_EPOCH16 else stored == fill
         if (np.isnat(times) & ~is_fill).any():
@@ -159,7 +185,7 @@ class CdfFile:
             )
         return times
 
-    def frequency_mhz(self, variable: str, unit: str = "") -> NumberArray:
+    def frequency_mhz(self, variable: str, unit: str = "", highest_mhz: float | None = None) -> NumberArray:
         """Frequencies in MHz, from the unit the file states.
 
         Parameters
@@ -168,6 +194,9 @@ class CdfFile:
             Name of the variable.
         unit : str
             Unit to take where the file states none: Hz, kHz or MHz.
+        highest_mhz : float, optional
+            About where the band of the receiver ends. A unit by which it ends elsewhere, by two powers of ten or more,
+            is wrong; one by which it ends there is taken.
 
         Returns
         -------
@@ -180,27 +209,39 @@ class CdfFile:
             If there is no such variable, or if its unit is not known.
         """
         values = self.numbers(variable)
+        values = values.reshape(values.shape[:1] + tuple(size for size in values.shape[1:] if size > 1))
+        if values.ndim == 2 and len(values) and ((values == values[0]) | np.isnan(values)).all():
+            values = values[0] if np.isfinite(values[0]).any() else np.fmax.reduce(values)
         stated = re.sub(r"[^a-z]", "", self.attribute("UNITS", variable).lower()) or unit.lower()
-        if stated not in MHZ:
+        if highest_mhz is None and stated not in MHZ:
             raise InputError(f"{self.name}: variable {variable!r} is in {stated!r}, not in Hz, kHz or MHz")
-        if values.ndim == 2 and len(values) and (values == values[0]).all():
-            values = values[0]
-        return values.astype(np.float64) * MHZ[stated]
+        highest, least = float(np.nanmax(values, initial=0.0)), highest_mhz or 0.0
+        for one in ([stated] if stated in MHZ else []) + ["hz", "khz", "mhz"]:
+            if highest_mhz is None or least / TOO_LOW < highest * MHZ[one] < least * TOO_HIGH:
+                return values.astype(np.float64) * MHZ[one]
+        raise InputError(
+            f"{self.name}: variable {variable!r} reaches {highest:g}, which in no unit is near the {highest_mhz:g} MHz "
+            "of this receiver: take another version of the file"
+        )
 
     def _ask(self, do: str, *of: Any) -> Any:
         return READER.ask(do, *of, cpu_s=self._cpu_s)
 
-    def _description(self, variable: str) -> dict[str, int]:
-        if variable not in self.variables:
+    def _description(self, variable: str) -> dict[str, Any]:
+        stored = self.stored_name(variable)
+        if not stored:
             raise InputError(f"{self.name} has no variable {variable!r}: it is not the product it is named after")
-        if variable not in self._described:
-            self._described[variable] = self._ask("describe", variable)
-        return self._described[variable]
+        if self._described[stored]["fault"]:
+            raise InputError(
+                f"{self.name}: variable {variable!r} cannot be read ({self._described[stored]['fault']}): download it "
+                "again"
+            )
+        return self._described[stored]
 
     def _values(self, variable: str, dimensions: int | None) -> npt.NDArray[Any]:
         if self._description(variable)["records"] <= 0:
-            raise InputError(f"{self.name}: variable {variable!r} is empty")
-        values: npt.NDArray[Any] = self._ask("values", variable)
+            raise InputError(f"{self.name}: variable {variable!r} is empty: the receiver was off; leave the file out")
+        values = self._whole(variable, self._ask("values", self.stored_name(variable)))
         surplus = 0 if dimensions is None else values.ndim - dimensions
         if surplus > 0:
             single = [axis for axis in range(values.ndim - 1, -1, -1) if values.shape[axis] == 1][:surplus]
@@ -208,6 +249,25 @@ class CdfFile:
         if dimensions is not None and values.ndim != dimensions:
             raise InputError(f"{self.name}: variable {variable!r} has {values.ndim} dimensions, not {dimensions}")
         return values
+
+    def _whole(self, variable: str, values: npt.NDArray[Any]) -> npt.NDArray[Any]:
+        """Records of a sparse variable, with those that are not stored at its end.
+
+        They are as the last one where the file says that the one before counts, else without data.
+        """
+        sparse = self._description(variable)["sparse"]
+        if not sparse or not self.varies(variable):
+            return values
+        along = self.stored_name(self.attribute("DEPEND_0", variable))
+        others = [along] if along and along != self.stored_name(variable) else list(self.variables)
+        count = max(self._described[one]["records"] for one in others) - len(values)
+        if not 0 < count <= MOST_SPARSE or not len(values):
+            return values
+        if sparse == PREVIOUS:
+            return np.concatenate([values, np.repeat(values[-1:], count, axis=0)])
+        if values.dtype.kind != "f":
+            values = values.astype(np.float64)
+        return np.concatenate([values, np.full((count, *values.shape[1:]), np.nan, dtype=values.dtype)])
 
 
 @contextmanager

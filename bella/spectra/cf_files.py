@@ -4,22 +4,27 @@ Files are opened only once it is known that they can be read and how large they 
 """
 
 import math
-from collections.abc import Iterator, Sequence
+import re
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from datetime import UTC, datetime
 from importlib import resources
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+import numpy.typing as npt
 import xarray as xr
 
 from bella.exceptions import InputError, require_extra
 from bella.records import Origin
 from bella.spacecraft import observatory_name
 from bella.spectra.assembly import Origin as Measured
-from bella.spectra.assembly import assemble, cadence_s
+from bella.spectra.assembly import ascending, assemble, cadence_s, dates_in
+from bella.spectra.beside import FLAGS, KILOMETRES, LONGEST_SWEEP_S
 from bella.spectra.bounded import INFLATED_BYTES, LEAST_CPU_S, READER, reading
-from bella.spectra.dynamic_spectrum import POSITION, validate_spectrum
+from bella.spectra.cdf import LARGEST_NUMBER, MHZ
+from bella.spectra.dynamic_spectrum import ATTRIBUTES, OPTIONAL_DIMENSIONS, POSITION, validate_spectrum
 
 if TYPE_CHECKING:
     from radiospectra.spectrogram import GenericSpectrogram
@@ -28,6 +33,23 @@ ZARR_MARKS = ("zarr.json", ".zgroup", ".zmetadata")
 ZARR_METADATA = (*ZARR_MARKS, ".zarray", ".zattrs")
 METADATA_BYTES, STORED_FILES = 1 << 20, 100_000
 """Largest description of a Zarr group, and most files in a store; a day has a few kilobytes in a few dozen."""
+
+FORM = ("time", "frequency")
+OTHER_NAMES = {
+    **dict.fromkeys(("times", "epoch", "utc", "datetime", "time_(utc)", "time_utc"), "time"),
+    **dict.fromkeys(("frequencies", "freq", "freqs", "frequency_mhz", "frequency_(mhz)", "channel"), "frequency"),
+}
+HIGHEST_MHZ = 1000.0
+"""Frequencies above are in another unit, where they state none."""
+
+LOWEST_MHZ, IMPOSSIBLE_MHZ = 1e-3, 1e6
+"""The highest channel of no receiver is below the one or above the other."""
+
+LOWEST_VALUE = -999.0
+"""Nothing that is measured, in any quantity, is as low: fill values are, such as -9999."""
+
+FIRST, LAST = np.datetime64("1950-01-01", "ns"), np.datetime64("2060-01-01", "ns")
+DAY = np.timedelta64(1, "D")
 
 EVENT = "event_2012-06-07.nc"
 
@@ -58,13 +80,15 @@ def open_cf(path: Path, engine: str) -> tuple[xr.Dataset, ...]:
         elif engine == "zarr":
             require_extra("zarr")
             check_zarr(path)
-        with _groups(path, engine) as groups:
-            chosen = {name: group for name, group in groups.items() if "intensity" in group.data_vars}
+        with _decoding_times(path), _groups(path, engine) as groups:
+            chosen = {
+                name: group for name, group in groups.items() if "intensity" in {_plain(one) for one in group.variables}
+            }
             if not chosen:
                 raise InputError(f"{path} is not a dynamic spectrum: add the variable 'intensity'")
             if _claimed_bytes(list(chosen.values())) > INFLATED_BYTES:
                 raise InputError(f"{path} holds more than {INFLATED_BYTES >> 20} MiB: divide it into days")
-            return tuple(_loaded(group, f"{path}{name}", path) for name, group in chosen.items())
+            return tuple(as_spectrum(group, f"{path}{name}", path.name) for name, group in chosen.items())
 
 
 def check_hdf5(path: Path, cpu_s: int = LEAST_CPU_S) -> None:
@@ -106,6 +130,21 @@ def check_zarr(path: Path) -> None:
 
 
 @contextmanager
+def _decoding_times(path: Path) -> Iterator[None]:
+    """Say what to do about times that are not in UTC."""
+    try:
+        yield
+    except ValueError as error:
+        found = re.search(r"decode time units '(.*?)' with [\"']?(.*?calendar(?: '\w+')?)", str(error))
+        if found is None:
+            raise
+        raise InputError(
+            f"{path}: its times are in {found[1]!r} of {found[2]}: write UTC, such as seconds since 1970-01-01 in the "
+            "standard calendar"
+        ) from error
+
+
+@contextmanager
 def _groups(path: Path, engine: str) -> Iterator[dict[str, xr.Dataset]]:
     """Groups by their path, the root as an empty one; nothing is loaded yet."""
     if engine == "scipy":  # netCDF 3 has no groups
@@ -127,23 +166,239 @@ def _chunk_bytes(variable: xr.Variable) -> int:
     return int(variable.dtype.itemsize) * max(math.prod(int(size) for size in sizes or ()) for sizes in stored)
 
 
-def _loaded(stored: xr.Dataset, source: str, path: Path) -> xr.Dataset:
-    """The spectrum of a group with what can be filled in; of a spacecraft by the name it has here."""
-    spectrum = stored.load()
+def as_spectrum(stored: xr.Dataset, source: str, file_name: str = "") -> xr.Dataset:
+    """A dynamic spectrum from a dataset that means one: ordered, in our names and units, with what can be filled in.
+
+    Names of variables may differ in case and blanks; axes may be transposed, descending, repeated or of other names;
+    times may be text, with an offset from UTC; frequencies may be in any unit that they state.
+
+    Parameters
+    ----------
+    stored : xarray.Dataset
+        In memory or not.
+    source : str
+        Where it comes from, named in errors.
+    file_name : str
+        Name of its file, which may state days.
+
+    Returns
+    -------
+    xarray.Dataset
+
+    Raises
+    ------
+    InputError
+        If it is no dynamic spectrum; the message says what to change.
+    """
+    spectrum = _with_axes(_in_our_names(stored.load()))
     given = spectrum.attrs
     if str(given.get("observatory", "")).strip():
-        given["observatory"] = observatory_name(str(given["observatory"]))
-    given.setdefault("source_files", [path.name])
+        try:
+            given["observatory"] = observatory_name(str(given["observatory"]))
+        except InputError as error:
+            raise InputError(f"{source}: {error}") from error
+        if set(given["observatory"]) & set("/\\\0\n\t"):
+            raise InputError(f"{source}: attribute 'observatory' is {given['observatory']!r}: give a plain name")
+    given.setdefault("source_files", [file_name or source])
     given.setdefault("origin", Origin.USER.value)
     if given["origin"] not in set(Origin):
         raise InputError(f"{source}: attribute 'origin' is {given['origin']!r}: use user, or leave it out")
-    if "time" in spectrum.coords and np.issubdtype(spectrum["time"].dtype, np.datetime64):
-        given.setdefault("integration_s", cadence_s(spectrum["time"].to_numpy().ravel()))
-    if POSITION in spectrum and spectrum[POSITION].dims == ("axis",) and "time" in spectrum.sizes:
-        everywhere = spectrum[POSITION].expand_dims(time=spectrum.sizes["time"]).transpose("time", "axis")
-        spectrum[POSITION] = everywhere.copy()
-    spectrum = validate_spectrum(spectrum, source)
-    return spectrum.assign(intensity=spectrum["intensity"].astype(np.float32, keep_attrs=True))
+    if {"time", "frequency", "intensity"} <= set(spectrum.variables):
+        spectrum = _in_our_units(spectrum, source)
+        _check_age(spectrum["time"].to_numpy(), source, file_name)
+        spectrum = _ordered(spectrum)
+    time: npt.NDArray[Any] = spectrum["time"].to_numpy().ravel() if "time" in spectrum.variables else np.empty(0)
+    # what has no times is refused for that, and not for what follows from them
+    spectrum.attrs.setdefault("integration_s", cadence_s(time) if time.dtype.kind == "M" else 1.0)
+    return validate_spectrum(_with_flags(spectrum), source)
+
+
+def _plain(name: object) -> str:
+    return re.sub(r"[\s_-]+", "_", str(name).strip().lower())
+
+
+def _in_our_names(stored: xr.Dataset) -> xr.Dataset:
+    """Variables, dimensions and attributes by the names of the form."""
+    ours = {**{name: name for name in (*FORM, "intensity", *OPTIONAL_DIMENSIONS, "axis")}, **OTHER_NAMES}
+    renamed: dict[Any, str] = {}
+    for name in (*stored.variables, *stored.dims):
+        wanted = ours.get(_plain(name)) or ("interpolated" if FLAGS.search(str(name).upper()) else None)
+        is_free = wanted not in {*stored.variables, *stored.dims, *renamed.values()}
+        if wanted and is_free and name not in renamed:
+            renamed[name] = wanted
+    spectrum = stored.rename(renamed)
+    spectrum.attrs = {
+        (_plain(name) if _plain(name) in (*ATTRIBUTES, "origin", "power_exponent") else name): _single(value)
+        for name, value in stored.attrs.items()
+    }
+    if "quantity" in spectrum.attrs:
+        spectrum.attrs["quantity"] = _plain(spectrum.attrs["quantity"])
+    return spectrum
+
+
+def _single(value: Any) -> Any:
+    """An attribute as text or number, where it is bytes or an array of one."""
+    if isinstance(value, bytes):
+        return value.decode("utf-8", "replace")
+    return _single(value.item()) if isinstance(value, np.ndarray | np.generic) and np.size(value) == 1 else value
+
+
+def _with_axes(spectrum: xr.Dataset) -> xr.Dataset:
+    """With time and frequency as axes, in that order, and none of length 1 beside them."""
+    for axis in ("time", "frequency"):
+        if axis in spectrum.variables and spectrum[axis].ndim == 1:
+            (along,) = spectrum[axis].dims
+            spectrum = spectrum.set_coords(axis)
+            if along != axis and axis not in spectrum.dims:
+                spectrum = spectrum.swap_dims({along: axis})
+    if "intensity" not in spectrum.variables:
+        return spectrum
+    surplus = [dim for dim in spectrum["intensity"].dims if dim not in FORM and spectrum.sizes[dim] == 1]
+    spectrum = spectrum.squeeze(surplus, drop=True)
+    expected = {"intensity": ("time", "frequency"), **OPTIONAL_DIMENSIONS}
+    turned = {
+        name: spectrum[name].transpose(*dims)
+        for name, dims in expected.items()
+        if name in spectrum.variables and spectrum[name].dims != dims and set(spectrum[name].dims) == set(dims)
+    }
+    return spectrum.assign(turned)
+
+
+def _in_our_units(spectrum: xr.Dataset, source: str) -> xr.Dataset:
+    """Times in UTC, frequencies in MHz, intensity as float32 without fill values, positions in km."""
+    time, frequency = spectrum["time"], spectrum["frequency"]
+    if time.dtype.kind in "OSUT":
+        times = [_instant(one, source) for one in time.to_numpy().ravel()]
+        spectrum = spectrum.assign_coords(time=(time.dims, np.array(times, dtype="datetime64[ns]").reshape(time.shape)))
+    elif time.dtype.kind == "M":
+        spectrum = spectrum.assign_coords(time=time.astype("datetime64[ns]"))
+    if frequency.dtype.kind in "iuf":
+        unit = re.sub(r"[^a-z]", "", str(frequency.attrs.get("units", "")).lower())
+        if unit not in MHZ and unit:
+            raise InputError(f"{source}: coordinate 'frequency' is in {frequency.attrs['units']!r}: convert it to MHz")
+        mhz = frequency.to_numpy().astype(np.float64) * MHZ.get(unit, 1.0)
+        if unit and not LOWEST_MHZ <= np.nanmax(mhz, initial=0.0) <= IMPOSSIBLE_MHZ:
+            raise InputError(
+                f"{source}: coordinate 'frequency' reaches {np.nanmax(mhz, initial=0.0):g} MHz by its unit "
+                f"{frequency.attrs['units']!r}: correct the unit"
+            )
+        if not unit and np.nanmax(mhz, initial=0.0) > HIGHEST_MHZ:
+            raise InputError(
+                f"{source}: coordinate 'frequency' reaches {np.nanmax(mhz):g} and has no unit: give it the attribute "
+                "units, Hz, kHz or MHz"
+            )
+        spectrum = spectrum.assign_coords(frequency=(frequency.dims, mhz, {**frequency.attrs, "units": "MHz"}))
+    values = spectrum["intensity"]
+    if values.dtype.kind in "iuf":
+        intensity = values.to_numpy().astype(np.float32)
+        lowest, highest = _valid(values.attrs)
+        intensity[(intensity < lowest) | (intensity > highest)] = np.nan
+        intensity[~np.isfinite(intensity) | (intensity <= LOWEST_VALUE) | (intensity >= LARGEST_NUMBER)] = np.nan
+        spectrum = spectrum.assign(intensity=values.copy(data=intensity))
+    return _with_position(_with_sample_times(spectrum, source))
+
+
+def _valid(attributes: Mapping[Any, Any]) -> tuple[float, float]:
+    """What a variable says of its range."""
+    stated = attributes.get("valid_range", (attributes.get("valid_min", -np.inf), attributes.get("valid_max", np.inf)))
+    try:
+        lowest, highest = (float(one) for one in stated)
+    except (TypeError, ValueError):
+        return -np.inf, np.inf
+    return lowest, highest
+
+
+def _instant(value: Any, source: str) -> np.datetime64:
+    """A time that is text, or of a calendar that counts as UTC does."""
+    text = value.decode("ascii", "replace") if isinstance(value, bytes) else str(value)
+    if getattr(value, "calendar", "standard") not in {"standard", "gregorian", "proleptic_gregorian"}:
+        raise InputError(f"{source}: coordinate 'time' is in the calendar {value.calendar!r}: convert it to UTC")
+    try:
+        moment = datetime.fromisoformat(text.strip())
+    except ValueError as error:
+        raise InputError(
+            f"{source}: coordinate 'time' holds {text!r}, which is no time: write UTC as 2012-06-07T19:30:00"
+        ) from error
+    utc = moment.astimezone(UTC).replace(tzinfo=None) if moment.tzinfo else moment
+    return np.datetime64(utc, "ns") if 1700 < utc.year < 2250 else np.datetime64("NaT")
+
+
+def _check_age(time: npt.NDArray[Any], source: str, file_name: str) -> None:
+    """Hold times against the space age, and against the days in the name of the file."""
+    known = time[~np.isnat(time)] if time.dtype.kind == "M" else time[:0]
+    if not known.size:
+        return
+    first, last = known.min(), known.max()
+    days = dates_in(file_name)
+    is_far = days and not any(first - DAY < day + DAY and day - DAY <= last for day in days)
+    if first < FIRST or last >= LAST or is_far:
+        expected = f"is named after {str(days[0])[:10]}, but " if is_far else ""
+        raise InputError(
+            f"{source} {expected}holds times from {np.datetime_as_string(first, 's')} to "
+            f"{np.datetime_as_string(last, 's')}: correct its times or its name"
+        )
+
+
+def _with_sample_times(spectrum: xr.Dataset, source: str) -> xr.Dataset:
+    """With the time of the record for samples that have none; one far from it is no time of it."""
+    late_s = None
+    if "sample_time" in spectrum and spectrum["sample_time"].dtype.kind == "M":
+        filled = spectrum["sample_time"].astype("datetime64[ns]").fillna(spectrum["time"])
+        spectrum = spectrum.assign(sample_time=filled.transpose(*spectrum["sample_time"].dims))
+        late_s = (spectrum["sample_time"] - spectrum["time"]) / np.timedelta64(1, "s")
+    elif "sample_offset_s" in spectrum and spectrum["sample_offset_s"].dtype.kind in "iuf":
+        late_s = spectrum["sample_offset_s"].fillna(0.0)
+        spectrum = spectrum.assign(sample_offset_s=late_s)
+    if late_s is not None and late_s.size and float(np.abs(late_s).max()) > LONGEST_SWEEP_S:
+        raise InputError(
+            f"{source}: samples are up to {float(np.abs(late_s).max()):.0f} s from the time of their record: give "
+            "the times of samples in UTC, or offsets in seconds"
+        )
+    return spectrum
+
+
+def _with_position(spectrum: xr.Dataset) -> xr.Dataset:
+    """With the position in km, at each record; of what is stated once, the same at each."""
+    if POSITION not in spectrum or spectrum[POSITION].dtype.kind not in "iuf":
+        return spectrum
+    stated = spectrum[POSITION]
+    if stated.dims == ("axis",) and "time" in spectrum.sizes:
+        stated = stated.expand_dims(time=spectrum.sizes["time"]).transpose("time", "axis")
+    factor = KILOMETRES.get(str(stated.attrs.get("units", "km")).lower().strip(), 0.0)
+    if not factor:  # the check of the form says so
+        return spectrum.assign({POSITION: stated.copy()})
+    frame = str(stated.attrs.get("frame", "")).strip().lower()
+    attributes = {**stated.attrs, "units": "km"} | ({"frame": frame} if frame else {})
+    return spectrum.assign({POSITION: (stated.dims, stated.to_numpy().astype(np.float64) * factor, attributes)})
+
+
+def _ordered(spectrum: xr.Dataset) -> xr.Dataset:
+    """Records and channels ascending, once each, without those that have no time or frequency."""
+    if spectrum["intensity"].dims != FORM or spectrum["time"].dtype.kind != "M":
+        return spectrum
+    if spectrum["intensity"].dtype.kind != "f" or spectrum["frequency"].dtype.kind != "f":
+        return spectrum
+    for number, axis in enumerate(FORM):
+        values = spectrum["intensity"].to_numpy()
+        count = np.count_nonzero(np.isfinite(values), axis=1 - number)
+        along = spectrum[axis].to_numpy()
+        order = ascending(along, lambda count=count: count)  # type: ignore[misc]
+        if order.size != along.size or (np.diff(order) != 1).any():
+            spectrum = spectrum.isel({axis: order})
+    return spectrum
+
+
+def _with_flags(spectrum: xr.Dataset) -> xr.Dataset:
+    """Without samples that were not measured, where they are flagged by record or sample."""
+    if "interpolated" not in spectrum or spectrum["interpolated"].dtype.kind not in "biuf":
+        return spectrum
+    flag = spectrum["interpolated"]
+    flagged = (flag != 0) & flag.notnull()
+    if flagged.dims == ("frequency",) or not set(flagged.dims) <= set(FORM):
+        return spectrum.assign(interpolated=flagged)
+    whole = flagged.broadcast_like(spectrum["intensity"]).transpose(*FORM)
+    never = whole.all("time")
+    return spectrum.assign(intensity=spectrum["intensity"].where(~whole | never), interpolated=never)
 
 
 def from_radiospectra(

@@ -1,6 +1,8 @@
 """Joining spectra of one spacecraft: receivers side by side, days one after the other."""
 
+import itertools
 from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
 from functools import reduce
 from typing import Any
 
@@ -15,6 +17,10 @@ from bella.spectra.dynamic_spectrum import POSITION, integration_times_s, sample
 from bella.spectra.positions import join_positions
 
 INTEGRATION = "channel_integration_s"
+
+EPOCH = np.datetime64("1970-01-01", "ns")
+LONGEST_GAP, LONGEST_PIECE = np.timedelta64(1, "D"), np.timedelta64(28, "D")
+"""A search has minutes, with or without records: it is cut at longer gaps, and never of more than four weeks."""
 
 LEFT_OUT = {("WIND", "TNR")}
 """Receivers that look at the plasma around the spacecraft, below the band of bursts far from it."""
@@ -170,8 +176,99 @@ def by_observatory_of_what_fits(spectra: Sequence[xr.Dataset]) -> tuple[dict[str
                     joined |= by_observatory([*kept, one])
                     kept.append(one)
                 except BellaError as error:
-                    left_out.append(f"{', '.join(np.atleast_1d(one.attrs['source_files']))}: {error}")
+                    left_out.append(f"{_files(one)}: {error}")
     return joined, tuple(left_out)
+
+
+@dataclass(frozen=True)
+class FleetPiece:
+    """Spectra of a fleet that belong together in time."""
+
+    spectra: dict[str, xr.Dataset]
+    """By observatory, days joined and receivers combined."""
+
+    @property
+    def first(self) -> np.datetime64:
+        """Of all records."""
+        return np.datetime64(min(one["time"].to_numpy()[0] for one in self.spectra.values()))
+
+    @property
+    def last(self) -> np.datetime64:
+        """Of all records."""
+        return np.datetime64(max(one["time"].to_numpy()[-1] for one in self.spectra.values()))
+
+    def apart_s(self, utc: np.datetime64) -> float:
+        """How far an instant is from its records, s; 0 between them."""
+        return float(max(self.first - utc, utc - self.last, np.timedelta64(0, "s")) / np.timedelta64(1, "s"))
+
+
+def fleet_pieces(spectra: Sequence[xr.Dataset]) -> tuple[list[FleetPiece], tuple[str, ...]]:
+    """As :func:`by_observatory_of_what_fits`, cut where no spacecraft has a record for more than a day.
+
+    Files years apart thus take no more memory than their records; each piece has the product that is best in it.
+    Nothing is longer than `LONGEST_PIECE`: what goes on is cut at midnight.
+
+    Parameters
+    ----------
+    spectra : sequence of xarray.Dataset
+        Dynamic spectra of any spacecraft, receivers and days.
+
+    Returns
+    -------
+    pieces : list of FleetPiece
+        In order of time.
+    left_out : tuple of str
+        Files that cannot be joined, and single records far from all others, each with its reason.
+
+    Raises
+    ------
+    InputError
+        If there are no spectra of radio bursts.
+    """
+    wanted = [one for one in spectra if (one.attrs["observatory"], one.attrs["receiver"]) not in LEFT_OUT]
+    if not wanted:
+        raise InputError("there are no spectra of radio bursts: name files of at least one receiver")
+    parts = sorted((part for one in wanted for part in _cut(one)), key=lambda one: one["time"].to_numpy()[0])
+    pieces, left_out = [], []
+    for group in _groups_of(parts):
+        alone = [one for one in group if one.sizes["time"] < 2]
+        left_out += [f"{_files(one)}: a single record of {str(one['time'].to_numpy()[0])[:19]}" for one in alone]
+        joined, unfit = by_observatory_of_what_fits([one for one in group if one.sizes["time"] > 1])
+        left_out += unfit
+        if joined:
+            pieces.append(FleetPiece(joined))
+    if not pieces:
+        raise InputError(f"nothing is left to search: {left_out[0]}, far from all others")
+    return pieces, tuple(dict.fromkeys(left_out))
+
+
+def _cut(spectrum: xr.Dataset) -> list[xr.Dataset]:
+    """Parts of a spectrum between its long gaps, and from one turn of `LONGEST_PIECE` to the next."""
+    time = spectrum["time"].to_numpy()
+    turn = (time - EPOCH) // LONGEST_PIECE
+    starts = np.flatnonzero((np.diff(time) > LONGEST_GAP) | (np.diff(turn) > 0)) + 1
+    if not starts.size:
+        return [spectrum]
+    return [spectrum.isel(time=slice(*ends)) for ends in itertools.pairwise([0, *starts.tolist(), time.size])]
+
+
+def _groups_of(parts: Sequence[xr.Dataset]) -> list[list[xr.Dataset]]:
+    """Parts, in order of time, that no long gap and no turn of `LONGEST_PIECE` divides."""
+    groups: list[list[xr.Dataset]] = []
+    end, turn = EPOCH, -1
+    for part in parts:
+        first, last = part["time"].to_numpy()[[0, -1]]
+        its_turn = int((first - EPOCH) // LONGEST_PIECE)
+        if not groups or first - end > LONGEST_GAP or its_turn != turn:
+            groups.append([])
+            end = last
+        groups[-1].append(part)
+        end, turn = max(end, last), its_turn
+    return groups
+
+
+def _files(spectrum: xr.Dataset) -> str:
+    return ", ".join(str(name) for name in np.atleast_1d(spectrum.attrs["source_files"]))
 
 
 def _rank(spectrum: xr.Dataset) -> tuple[float, int]:

@@ -123,8 +123,8 @@ def receiver_position(spectrum: xr.Dataset, utc: np.datetime64) -> ReceiverPosit
     stated = _stated_rsun(spectrum, instant)
     if stated is None and known is None:
         raise NoDataError(
-            f"no position of {name} is known at {np.datetime_as_string(instant[0], 's')}: give its spectrum the "
-            "variable 'position_km', or name a spacecraft of 'bella ephemeris'"
+            f"no position of {name} is known at {np.datetime_as_string(instant[0], 's')}{_stated_when(spectrum)}: give "
+            "its spectrum the variable 'position_km', or name a spacecraft of 'bella ephemeris'"
         )
     if stated is None or known is None:
         there = known if stated is None else stated
@@ -172,6 +172,17 @@ def fill_in_positions(
     return table, remarks
 
 
+def _stated_when(spectrum: xr.Dataset) -> str:
+    """Of which times a spectrum states positions, in words; empty where it states none."""
+    if POSITION not in spectrum:
+        return ""
+    known = spectrum["time"].to_numpy()[np.isfinite(spectrum[POSITION].to_numpy()).all(axis=1)]
+    if not known.size:
+        return ""
+    first, last = (np.datetime_as_string(one, "s") for one in (known[0], known[-1]))
+    return f" (its file states positions from {first} to {last}, which count for half an hour more)"
+
+
 def _stated_rsun(spectrum: xr.Dataset, instant: TimeArray) -> FloatArray | None:
     if POSITION not in spectrum:
         return None
@@ -183,7 +194,7 @@ def _stated_rsun(spectrum: xr.Dataset, instant: TimeArray) -> FloatArray | None:
 
 
 def positions_at(time: TimeArray, known: TimeArray, position_km: FloatArray) -> FloatArray:
-    """Positions on straight lines between known ones.
+    """Positions on straight lines between known ones; of a single one, that one.
 
     Parameters
     ----------
@@ -201,8 +212,11 @@ def positions_at(time: TimeArray, known: TimeArray, position_km: FloatArray) -> 
     """
     usable = np.flatnonzero(np.isfinite(position_km).all(axis=1) & ~np.isnat(known))
     instants, first = np.unique(known[usable], return_index=True)
-    if instants.size < 2:
+    if not instants.size:
         return np.full((time.size, 3), np.nan)
+    if instants.size == 1:  # it stands still for as long as it counts
+        is_near = np.abs(_seconds(time, instants[0])) <= REACH_S
+        return np.where(is_near[:, None], np.asarray(position_km[usable[first]], dtype=np.float64), np.nan)
     known_s, wanted_s = _seconds(instants, instants[0]), _seconds(time, instants[0])
     placed_km = make_interp_spline(known_s, np.asarray(position_km[usable[first]], dtype=np.float64), k=1)(wanted_s)
     after = np.clip(np.searchsorted(known_s, wanted_s), 1, known_s.size - 1)

@@ -16,6 +16,7 @@ from bella.exceptions import InputError
 from bella.records import Origin
 from bella.spectra import psp, solo, stereo, wind
 from bella.spectra.assembly import dates_in
+from bella.spectra.beside import with_stated_positions
 from bella.spectra.cdf import MAGIC, CdfFile, open_cdf
 from bella.spectra.cf_files import ZARR_MARKS, open_cf
 from bella.spectra.quirks import quirks_of
@@ -349,12 +350,14 @@ def _head(path: Path) -> bytes:
 def _open_archive_cdf(path: Path) -> Spectra:
     with open_cdf(path) as cdf:
         product, receiver = _product_of(cdf)
-        absent = [name for name in product.signature if name not in cdf.variables]
+        absent = [name for name in product.signature if not cdf.stored_name(name)]
         if absent:
             raise InputError(f"{path} has no variable {absent[0]!r}: it is not {product.name} as its name says")
         if product.read is None:
             raise InputError(f"{path} is CDF, but {product.name} is not")
         spectra = product.read(cdf, receiver)
+        if len({str(one.attrs["observatory"]) for one in spectra}) == 1:
+            spectra = tuple(with_stated_positions(cdf, one) for one in spectra)
         origin = _origin_of(cdf)
         identity = cdf.attribute("Logical_file_id")
     return tuple(_held_against(one, (path.name, identity), path.name, origin) for one in spectra)
@@ -380,7 +383,8 @@ def _held_against(spectrum: xr.Dataset, names: tuple[str, ...], source: str, ori
         times.append(spectrum["sample_time"].to_numpy())
     first, last = min(one.min() for one in times), max(one.max() for one in times)
     for day in (day for name in names for day in dates_in(name)):
-        if first < day - NEAR_DAY or last >= day + 2 * NEAR_DAY:
+        is_beside = last < day or first >= day + np.timedelta64(1, "D")
+        if is_beside or first < day - NEAR_DAY or last >= day + 2 * NEAR_DAY:
             raise InputError(
                 f"{source} is named after {day.astype('datetime64[D]')}, but holds times from "
                 f"{np.datetime_as_string(first, 's')} to {np.datetime_as_string(last, 's')}: its clock or its name is "

@@ -7,12 +7,13 @@ import numpy.typing as npt
 import xarray as xr
 
 from bella.exceptions import InputError
-from bella.spectra.assembly import Origin, assemble, cadence_s, nearest_records, shared_channels
-from bella.spectra.beside import Beside, epoch_of, read_records
+from bella.spectra.assembly import Origin, assemble, cadence_s, nearest_records, shared_channels, without_strays
+from bella.spectra.beside import Beside, epoch_of, read_records, timed
 from bella.spectra.cdf import CdfFile, TimeArray
 
 OBSERVATORY = "PSP"
 DIPOLES = ("ch0_V1V2", "ch1_V3V4")
+HIGHEST_MHZ = {"lfr": 1.7, "hfr": 19.2}
 SAME_RECORD = 0.25
 """Records of the two dipoles so near, as a share of the time between records, were read at the same time."""
 
@@ -28,6 +29,8 @@ class Part(NamedTuple):
     frequency_mhz: npt.NDArray[Any]
     power: npt.NDArray[Any]
     """Shape (records, channels)."""
+    offset_s: npt.NDArray[Any] | None = None
+    """How long after the time of its record each sample was taken; of the same shape."""
 
 
 def read_l2(cdf: CdfFile, receiver: str) -> tuple[xr.Dataset, ...]:
@@ -92,9 +95,7 @@ def read_l3(cdf: CdfFile, receiver: str) -> tuple[xr.Dataset, ...]:
     flux = cdf.numbers(whole, 2)
     flux[flux <= 0.0] = np.nan
     origin = Origin(OBSERVATORY, receiver.upper(), "flux_w_m2_hz", cdf.name)
-    at_1_au = {"flux_sfu_1au": f"psp_fld_l3_rfs_{receiver}_PSD_SFU"}
-    at_1_au = {name: stored for name, stored in at_1_au.items() if cdf.has_records(stored)}
-    return (read_records(cdf, origin, whole, time, cdf.frequency_mhz(frequency, "Hz"), flux, extra=at_1_au),)
+    return (read_records(cdf, origin, whole, time, cdf.frequency_mhz(frequency, "Hz", HIGHEST_MHZ[receiver]), flux),)
 
 
 def _sum_of_dipoles(cdf: CdfFile, receiver: str, prefix: str, ending: str, quantity: str) -> xr.Dataset:
@@ -103,7 +104,8 @@ def _sum_of_dipoles(cdf: CdfFile, receiver: str, prefix: str, ending: str, quant
         suffix = f"{receiver}_auto_averages_{dipole}"
         variable = cdf.first_with_data(f"{prefix}_rfs_{suffix}{ending}")
         if variable:
-            read[dipole[4:]] = _part(cdf, f"epoch_{suffix}", f"frequency_{suffix}", variable)
+            names = (f"epoch_{suffix}", f"frequency_{suffix}", variable)
+            read[dipole[4:]] = _part(cdf, *names, HIGHEST_MHZ[receiver])
     if not read:
         raise InputError(f"{cdf.name}: neither dipole has auto_averages; the receiver was in another mode")
     parts = list(read.values())
@@ -112,21 +114,27 @@ def _sum_of_dipoles(cdf: CdfFile, receiver: str, prefix: str, ending: str, quant
         most = max(read, key=lambda name: np.count_nonzero(np.isfinite(read[name].power)))
         read, whole = {most: read[most]}, read[most]
     origin = Origin(OBSERVATORY, receiver.upper(), quantity, cdf.name)
-    return assemble(origin, whole.time, whole.frequency_mhz, whole.power).assign_attrs(dipoles="+".join(read))
+    time, extra = whole.time, {}
+    if whole.offset_s is not None:
+        time, extra["sample_time"] = timed(time, whole.offset_s)
+    return assemble(origin, time, whole.frequency_mhz, whole.power, extra).assign_attrs(dipoles="+".join(read))
 
 
-def _part(cdf: CdfFile, epoch: str, frequency: str, variable: str) -> Part:
+def _part(cdf: CdfFile, epoch: str, frequency: str, variable: str, highest_mhz: float) -> Part:
     power, time = cdf.numbers(variable, 2), cdf.utc(cdf.first_with_data(epoch) or epoch_of(cdf, variable))
     power[power <= 0.0] = np.nan
-    flagged = Beside(cdf, power.shape).flagged()
-    if flagged is not None:
-        power[flagged] = np.nan
-    frequency_mhz, power = shared_channels(cdf.frequency_mhz(frequency, "Hz"), power, cdf.name)
+    beside = Beside(cdf, power.shape, variable, DIPOLES)
+    beside.clear(power)
+    stated_mhz, offset_s = cdf.frequency_mhz(frequency, "Hz", highest_mhz), beside.offset_s(time)
+    frequency_mhz, power = shared_channels(stated_mhz, power, cdf.name)
+    if offset_s is not None:
+        offset_s = shared_channels(stated_mhz, offset_s, cdf.name)[1]
     if power.shape != (time.size, frequency_mhz.size):
         raise InputError(f"{cdf.name}: {variable} has the shape {power.shape}, not {(time.size, frequency_mhz.size)}")
+    time = without_strays(time)
     order = np.argsort(time, kind="stable")  # what has no time comes last
     order = order[: np.count_nonzero(~np.isnat(time))]
-    return Part(time[order], frequency_mhz, power[order])
+    return Part(time[order], frequency_mhz, power[order], None if offset_s is None else offset_s[order])
 
 
 def _union(first: Part, second: Part) -> Part | None:
@@ -148,4 +156,8 @@ def _union(first: Part, second: Part) -> Part | None:
     its = np.concatenate([other, second.power[alone]])
     lacks_mine, lacks_its = (~np.isfinite(one).any(axis=1, keepdims=True) for one in (mine, its))
     total = np.where(lacks_its, 2.0 * mine, np.where(lacks_mine, 2.0 * its, mine + its))
-    return Part(np.concatenate([first.time, second.time[alone]]), first.frequency_mhz, total)
+    offset_s = None
+    if first.offset_s is not None or second.offset_s is not None:
+        each = [np.zeros(one.power.shape) if one.offset_s is None else one.offset_s for one in (first, second)]
+        offset_s = np.concatenate([each[0], each[1][alone]])
+    return Part(np.concatenate([first.time, second.time[alone]]), first.frequency_mhz, total, offset_s)

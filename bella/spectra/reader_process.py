@@ -42,8 +42,8 @@ class Reader:
         self._cdf: Any = None
         self._unpacked: Path | None = None
 
-    def open(self, path: str) -> list[str]:
-        """Open a CDF, which may be a .cdf.gz; returns the names of its variables."""
+    def open(self, path: str) -> dict[str, dict[str, Any]]:
+        """Open a CDF, which may be a .cdf.gz; returns its variables, with type and number of records of each."""
         self.close()
         with Path(path).open("rb") as stream:
             head = stream.read(CCR_BYTES + 2)
@@ -52,10 +52,12 @@ class Reader:
         elif head.startswith(COMPRESSED) and head.endswith(GZIP):  # cdflib unpacks the other kind, run lengths
             self._unpacked = _unpacked(path, UNCOMPRESSED, CCR_BYTES)
         plain = str(self._unpacked or path)
+        if self._unpacked is not None and not _is_cdf(plain):
+            raise ValueError("what is packed in it is no CDF")
         _check_length(plain)
         self._cdf = cdflib.CDF(plain)
         contents = self._cdf.cdf_info()
-        return [*contents.zVariables, *contents.rVariables]
+        return {name: self._described(name) for name in (*contents.zVariables, *contents.rVariables)}
 
     def close(self) -> None:
         """Close the CDF that was open, if any."""
@@ -64,10 +66,14 @@ class Reader:
             self._unpacked.unlink(missing_ok=True)
             self._unpacked = None
 
-    def describe(self, variable: str) -> dict[str, int]:
-        """Type and number of records of a variable."""
-        found = self._cdf.varinq(variable)
-        return {"kind": int(found.Data_Type), "records": int(found.Last_Rec) + 1, "varies": int(bool(found.Rec_Vary))}
+    def _described(self, variable: str) -> dict[str, Any]:
+        try:
+            found = self._cdf.varinq(variable)
+        except Exception as error:  # noqa: BLE001 - the others may be whole
+            return {"kind": 0, "records": 0, "varies": 0, "sparse": 0, "fault": str(error)[:160]}
+        sparse = ("no_sparse", "pad_sparse", "prev_sparse").index(str(found.Sparse).lower())
+        records, varies = int(found.Last_Rec) + 1, int(bool(found.Rec_Vary))
+        return {"kind": int(found.Data_Type), "records": records, "varies": varies, "sparse": sparse, "fault": ""}
 
     def attribute(self, name: str, variable: str | None) -> str | float | None:
         """Attribute of a variable, or of the file; None where there is none, or no single value."""
@@ -78,7 +84,7 @@ class Reader:
         value = value.item() if isinstance(value, np.ndarray | np.generic) and np.size(value) == 1 else value
         if isinstance(value, str | int | float):
             return value
-        return " ".join(map(str, value)) if isinstance(value, list) else None
+        return " ".join(map(str, np.ravel(value)[:64])) if isinstance(value, list | np.ndarray) else None
 
     def values(self, variable: str) -> np.ndarray:
         """Values of a variable, records first."""
@@ -88,7 +94,24 @@ class Reader:
             raise ValueError(f"variable {variable!r} holds no numbers")
         if values.nbytes > LARGEST_BYTES:
             raise ValueError(f"variable {variable!r} holds {values.nbytes} bytes")
-        return values.astype(values.dtype.newbyteorder("="), copy=False)
+        values = values.astype(values.dtype.newbyteorder("="), copy=False)
+        description = self._cdf.varinq(variable)
+        is_padded = str(description.Sparse).lower() == "pad_sparse" and values.ndim > 1
+        return _padded(values, np.ravel(description.Pad)[0]) if is_padded else values
+
+
+def _padded(values: np.ndarray, pad: Any) -> np.ndarray:
+    """Records that are not stored as what stands for them: cdflib writes a zero behind each."""
+    rows = values.reshape(len(values), -1)
+    wrong = np.zeros(rows.shape[1], dtype=values.dtype)
+    wrong[::2] = pad
+    rows[(rows == wrong).all(axis=1)] = pad
+    return values
+
+
+def _is_cdf(path: str) -> bool:
+    with Path(path).open("rb") as stream:
+        return stream.read(4) in {UNCOMPRESSED[:4], *(head[:4] for head in VERSION_2)}
 
 
 def _unpacked(path: str, head: bytes, begin: int) -> Path:
@@ -171,7 +194,6 @@ def answers() -> Iterator[tuple[dict[str, Any], bytes | memoryview]]:
     does: dict[str, Callable[..., Any]] = {
         "open": reader.open,
         "close": reader.close,
-        "describe": reader.describe,
         "attribute": reader.attribute,
         "values": reader.values,
         "probe": probe,

@@ -11,11 +11,12 @@ import numpy.typing as npt
 import xarray as xr
 
 from bella.exceptions import InputError
-from bella.spectra.assembly import Origin, assemble, assemble_sweeps, dwell_s, record_centres
+from bella.spectra.assembly import Origin, assemble, assemble_sweeps, dwell_s, record_centres, without_strays
 from bella.spectra.beside import Beside, epoch_of, read_records
 from bella.spectra.cdf import CdfFile, TimeArray
 
 OBSERVATORY = "SOLO"
+HIGHEST_MHZ = {"hfr": 16.4, "tnr": 1.0}
 HFR_DIPOLES = (9, 10, 11)
 TNR_DIPOLES = (4, 5, 6)
 PREAMPLIFIER = 1
@@ -46,15 +47,17 @@ def read_l2_hfr(cdf: CdfFile, receiver: str = "hfr") -> tuple[xr.Dataset, ...]:
     """
     time = cdf.utc(epoch_of(cdf))
     power, dipole = _of_one_dipole(cdf, ("AGC1", "AGC2"), HFR_DIPOLES, 1)
-    sweep, frequency_mhz = cdf.numbers("SWEEP_NUM", 1), cdf.frequency_mhz("FREQUENCY", "kHz")
+    sweep, frequency_mhz = cdf.numbers("SWEEP_NUM", 1), cdf.frequency_mhz("FREQUENCY", "kHz", HIGHEST_MHZ["hfr"])
     if not time.shape == power.shape == sweep.shape == frequency_mhz.shape:
         raise InputError(f"{cdf.name}: AGC1, SWEEP_NUM, FREQUENCY and Epoch have different lengths")
+    beside = Beside(cdf, time.shape)
+    time = without_strays(beside.shifted(time))
     read = np.isfinite(power) & ~np.isnat(time)
     order = np.flatnonzero(read)[np.argsort(time[read], kind="stable")]
     origin = Origin(OBSERVATORY, receiver.upper(), "psd_v2_hz", cdf.name)
     values = {"intensity": power[order]}
     spectrum = assemble_sweeps(origin, _counted(sweep[order]), time[order], frequency_mhz[order], values)
-    return (spectrum.assign_attrs(sensor=dipole),)
+    return (beside.noted(spectrum.assign_attrs(sensor=dipole)),)
 
 
 def read_l2_tnr(cdf: CdfFile, receiver: str = "tnr") -> tuple[xr.Dataset, ...]:
@@ -81,19 +84,21 @@ def read_l2_tnr(cdf: CdfFile, receiver: str = "tnr") -> tuple[xr.Dataset, ...]:
     """
     time = cdf.utc(epoch_of(cdf))
     power, dipole = _of_one_dipole(cdf, ("AUTO1", "AUTO2"), TNR_DIPOLES, 2)
-    bands_mhz = cdf.frequency_mhz("TNR_BAND_FREQ", "Hz")
+    beside, bands_mhz = Beside(cdf, time.shape), cdf.frequency_mhz("TNR_BAND_FREQ", "Hz", HIGHEST_MHZ["tnr"])
+    time = beside.shifted(time)
     band, sweep = cdf.numbers("TNR_BAND", 1), cdf.numbers("SWEEP_NUM", 1)
     if not time.size == len(power) == band.size == sweep.size or bands_mhz.shape != (4, power.shape[1]):
         raise InputError(f"{cdf.name}: AUTO1, TNR_BAND, SWEEP_NUM and TNR_BAND_FREQ do not fit together")
+    time = without_strays(time)
     read = np.isfinite(power).any(axis=1) & ~np.isnat(time) & np.isin(band, range(4))
-    if "FRONT_END" in cdf.variables:
+    if cdf.has_records("FRONT_END"):
         read &= cdf.numbers("FRONT_END", 1) == PREAMPLIFIER
     order = np.flatnonzero(read)[np.argsort(time[read], kind="stable")]
     if not order.size:
         raise InputError(f"{cdf.name}: no band of a dipole was read")
     row = np.unique(_counted(sweep[order]), return_inverse=True)[1]
     spectrum = _tnr_records(cdf.name, row, band[order].astype(int), time[order], power[order], bands_mhz)
-    return (spectrum.assign_attrs(sensor=dipole, receiver=receiver.upper()),)
+    return (beside.noted(spectrum.assign_attrs(sensor=dipole, receiver=receiver.upper())),)
 
 
 def _tnr_records(  # noqa: PLR0913, PLR0917 - one argument per variable of the file
@@ -139,7 +144,8 @@ def read_l3(cdf: CdfFile, receiver: str) -> tuple[xr.Dataset, ...]:
         If the file is not of this product.
     """
     origin = Origin(OBSERVATORY, receiver.upper(), "flux_w_m2_hz", cdf.name)
-    start, frequency_mhz = cdf.utc(epoch_of(cdf, "PSD_FLUX")), cdf.frequency_mhz("FREQUENCY", "kHz")
+    start = cdf.utc(epoch_of(cdf, "PSD_FLUX"))
+    frequency_mhz = cdf.frequency_mhz("FREQUENCY", "kHz", HIGHEST_MHZ[receiver])
     return (read_records(cdf, origin, "PSD_FLUX", start, frequency_mhz, cdf.numbers("PSD_FLUX", 2)),)
 
 
@@ -149,13 +155,11 @@ def _of_one_dipole(
     """Power of the sensor pair that has most data, NaN where it was not read, and its number in the file."""
     sensor = cdf.numbers("SENSOR_CONFIG", 2)
     read = [cdf.numbers(variable, dimensions) for variable in channels]
-    for power in read:
+    for variable, power in zip(channels, read, strict=True):
         if sensor.shape != (power.shape[0], 2):
             raise InputError(f"{cdf.name}: SENSOR_CONFIG has the shape {sensor.shape}, not {(power.shape[0], 2)}")
         power[~(power > 0.0)] = np.nan
-        flagged = Beside(cdf, power.shape).flagged()
-        if flagged is not None:
-            power[flagged] = np.nan
+        Beside(cdf, power.shape, variable).clear(power)
     has_data = [np.isfinite(power).reshape(len(power), -1).any(axis=1) for power in read]
     counts = [
         sum(int(((sensor[:, column] == dipole) & has_data[column]).sum()) for column in range(2)) for dipole in dipoles

@@ -8,8 +8,8 @@ import numpy.typing as npt
 import xarray as xr
 
 from bella.exceptions import InputError
-from bella.spectra.assembly import Origin, assemble, date_of, mean_time_sd_s
-from bella.spectra.beside import Beside, epoch_of, longest_dwell_s, read_records
+from bella.spectra.assembly import Origin, assemble, date_of, mean_time_sd_s, shared_channels
+from bella.spectra.beside import Beside, epoch_of, longest_dwell_s, read_records, timed
 from bella.spectra.bounded import reading
 from bella.spectra.cdf import CdfFile
 from bella.spectra.combination import combine_receivers
@@ -21,6 +21,7 @@ DIRECTIONS = {
     for frame in ("hee", "rtn")
     for angle in ("colatitude", "azimuth")
 } | {"source_size_deg": "SOURCE_SIZE"}
+HIGHEST_MHZ = {"lfr": 0.16, "hfr": 16.0}
 SWEEP_S = 38.05
 """Duration of a sweep, s (Canizares et al. 2024, A&A 684, A182, doi:10.1051/0004-6361/202347747)."""
 
@@ -59,7 +60,7 @@ def read_level2(cdf: CdfFile, receiver: str = "") -> tuple[xr.Dataset, ...]:
         If the file is not of this product, or holds no data at all.
     """
     del receiver
-    time, frequency_mhz = cdf.utc(epoch_of(cdf)), cdf.frequency_mhz("frequency", "kHz")
+    time, frequency_mhz = cdf.utc(epoch_of(cdf)), cdf.frequency_mhz("frequency", "kHz", HIGHEST_MHZ["hfr"])
     spectra = tuple(
         _level2_spacecraft(cdf, name, time, frequency_mhz)
         for name in SPACECRAFT
@@ -74,7 +75,19 @@ def read_level2(cdf: CdfFile, receiver: str = "") -> tuple[xr.Dataset, ...]:
 def _level2_spacecraft(
     cdf: CdfFile, name: str, time: npt.NDArray[np.datetime64], frequency_mhz: np.ndarray
 ) -> xr.Dataset:
-    decibel = _over_background(cdf, name)
+    decibel = cdf.numbers(f"avg_intens_{name}", 2)
+    beside = Beside(cdf, decibel.shape, f"avg_intens_{name}", tuple(SPACECRAFT))
+    stored = f"background_{name}"
+    decibel[_without_data(decibel, beside.matrix(stored) if cdf.has_records(stored) else None)] = np.nan
+    beside.clear(decibel)
+    offset_s = beside.offset_s(time)
+    extra = {}
+    if offset_s is not None:
+        time, extra["sample_time"] = timed(time, offset_s)
+    frequency_mhz, decibel = shared_channels(frequency_mhz, decibel, cdf.name)
+    if np.count_nonzero(np.diff(frequency_mhz) < 0.0) > 0.5 * frequency_mhz.size:
+        frequency_mhz, decibel = frequency_mhz[::-1], decibel[:, ::-1]
+        extra = {one: values[:, ::-1] for one, values in extra.items()}
     falls = np.flatnonzero(np.diff(frequency_mhz) < 0.0)
     bands = [slice(None, falls[0] + 1), slice(falls[0] + 1, None)] if falls.size else [slice(None)]
     receivers = ["LFR", "HFR"] if falls.size else ["LFR+HFR"]
@@ -84,10 +97,12 @@ def _level2_spacecraft(
             time,
             frequency_mhz[band],
             decibel[:, band],
+            {one: values[:, band] for one, values in extra.items()},
         )
         for receiver, band in zip(receivers, bands, strict=True)
     ]
-    return by_minute(combine_receivers(*parts) if len(parts) == 2 else parts[0])
+    whole = beside.noted(combine_receivers(*parts) if len(parts) == 2 else parts[0])
+    return whole if extra else by_minute(whole)
 
 
 def by_minute(spectrum: xr.Dataset) -> xr.Dataset:
@@ -108,19 +123,12 @@ def by_minute(spectrum: xr.Dataset) -> xr.Dataset:
     return known.assign_attrs(integration_s=MINUTE_AVERAGES_S)
 
 
-def _over_background(cdf: CdfFile, name: str) -> npt.NDArray[Any]:
-    decibel = cdf.numbers(f"avg_intens_{name}", 2)
-    beside = Beside(cdf, decibel.shape)
-    background = beside.matrix(f"background_{name}") if cdf.has_records(f"background_{name}") else None
+def _without_data(decibel: npt.NDArray[Any], background: npt.NDArray[Any] | None) -> npt.NDArray[np.bool_]:
+    """Minutes without data: minus the background, or where that is not known, far below it."""
     if background is None:
-        decibel[decibel < LOWEST_DB] = np.nan
-    else:
-        background += decibel
-        decibel[background == 0.0] = np.nan
-    flagged = beside.flagged()
-    if flagged is not None:
-        decibel[flagged] = np.nan
-    return decibel
+        return np.asarray(decibel < LOWEST_DB)
+    background += decibel
+    return np.asarray(background == 0.0)
 
 
 def read_l3(cdf: CdfFile, receiver: str) -> tuple[xr.Dataset, ...]:
@@ -151,7 +159,7 @@ def read_l3(cdf: CdfFile, receiver: str) -> tuple[xr.Dataset, ...]:
         If the file is not of this product.
     """
     letter, band = receiver.split("_")
-    flux, frequency_mhz = cdf.numbers("PSD_FLUX", 2), cdf.frequency_mhz("FREQUENCY", "Hz")
+    flux, frequency_mhz = cdf.numbers("PSD_FLUX", 2), cdf.frequency_mhz("FREQUENCY", "Hz", HIGHEST_MHZ[band])
     time = cdf.utc(epoch_of(cdf, "PSD_FLUX"))
     longest_s = longest_dwell_s(time, frequency_mhz.shape[-1]) if band == "hfr" else np.inf
     origin = Origin(BY_LETTER[letter], band.upper(), "flux_w_m2_hz", cdf.name, longest_s)

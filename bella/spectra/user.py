@@ -1,21 +1,35 @@
 """Spectra that users bring in a folder: which days it holds, and each day with its receivers and their positions."""
 
+import os
 from collections.abc import Iterator
 from dataclasses import dataclass
-from datetime import date
+from datetime import date, timedelta
 from pathlib import Path
 
 import numpy as np
+import numpy.typing as npt
 import xarray as xr
 
 from bella.exceptions import BellaError, InputError, NoDataError
 from bella.records import Origin
+from bella.spectra.cdf import MAGIC
 from bella.spectra.cf_files import ZARR_MARKS
 from bella.spectra.combination import by_observatory_of_what_fits
 from bella.spectra.positions import ReceiverPosition, receiver_position
-from bella.spectra.products import find_product, open_spectra
+from bella.spectra.products import FITS, GZIP, HDF5, IDL, NETCDF3, find_product, open_spectra
 
 ENDINGS = (".nc", ".nc4", ".netcdf", ".cdf", ".cdf.gz")
+HEADS = (HDF5, NETCDF3, *MAGIC)
+"""First bytes of what is read whatever its name ends in."""
+
+DATA_HEADS = (FITS, IDL, GZIP, b"PK\x03\x04", b"BZh", b"\xfd7zXZ", b"\x28\xb5\x2f\xfd", b"\x93NUMPY")
+DATA_ENDINGS = (
+    *(".fits", ".fit", ".fts", ".h5", ".hdf5", ".hdf", ".he5", ".sav", ".dat", ".bin", ".npy", ".npz", ".mat"),
+    *(".gz", ".bz2", ".xz", ".zip", ".tar", ".tgz", ".grb", ".pkl", ".parquet", ".feather", ".r1", ".r2"),
+)
+PICTURES = (".png", ".jpg", ".jpeg", ".gif", ".ico", ".pdf", ".pyc")
+"""First bytes and endings of data that are not read here; endings of what is binary and no data."""
+
 BEFORE, AFTER = np.timedelta64(30, "m"), np.timedelta64(3, "h")
 """How much of the days around it belongs to a day: bursts are alone or not, and go on past midnight."""
 
@@ -28,6 +42,8 @@ class UserFile:
     observatories: tuple[str, ...]
     first: np.datetime64
     last: np.datetime64
+    days: frozenset[date]
+    """Days with records."""
 
 
 @dataclass(frozen=True)
@@ -50,23 +66,20 @@ class UserFolder:
 
     files: tuple[UserFile, ...]
     left_out: tuple[str, ...]
-    """One line for each file that cannot be read; those of other endings are not looked at."""
+    """One line for each file that cannot be read, or looks like data and is not looked at."""
+    others: tuple[str, ...] = ()
+    """Names of files that are not looked at and do not look like data."""
 
     @property
     def days(self) -> tuple[date, ...]:
         """Days with records, ascending."""
-        held: set[date] = set()
-        for file in self.files:
-            # a record at midnight alone is the end of a day
-            end = max(file.first, file.last - np.timedelta64(1, "ns"))
-            span = np.arange(file.first.astype("M8[D]"), end.astype("M8[D]") + 1)
-            held.update(one.item() for one in span)
-        return tuple(sorted(held))
+        return tuple(sorted(frozenset[date]().union(*(file.days for file in self.files))))
 
     def of(self, day: date) -> tuple[UserFile, ...]:
         """Files that hold a day and what of its neighbours belongs to it."""
         first, last = _span(day)
-        return tuple(file for file in self.files if file.first < last and file.last >= first)
+        around = {day + timedelta(days=number) for number in (-1, 0, 1)}
+        return tuple(file for file in self.files if file.first < last and file.last >= first and around & file.days)
 
     def read(self, day: date) -> UserDay:
         """The spectra of a day.
@@ -139,32 +152,66 @@ def user_days(folder: Path) -> UserFolder:
     """
     if not folder.is_dir():
         raise InputError(f"{folder} is no folder: name one with netCDF or Zarr files of dynamic spectra")
-    files, left_out = [], []
-    for path in _candidates(folder):
+    files, left_out, others = [], [], []
+    for path in _all_in(folder):
         try:
+            if not _is_candidate(path):
+                if _looks_like_data(path):
+                    left_out.append(f"left out: {path} is of no form that is read here: write it as netCDF")
+                else:
+                    others.append(path.name)
+                continue
             spectra = open_spectra(path)
         except (BellaError, OSError) as error:
             left_out.append(f"left out: {error}")
             continue
         times = [one["time"].to_numpy() for one in spectra]
         names = tuple(dict.fromkeys(str(one.attrs["observatory"]) for one in spectra))
-        files.append(UserFile(path, names, min(one[0] for one in times), max(one[-1] for one in times)))
+        days = frozenset[date]().union(*(_days_of(one) for one in times))
+        files.append(UserFile(path, names, min(one[0] for one in times), max(one[-1] for one in times), days))
     if not files:
         reason = left_out[0] if left_out else f"its files do not end in {', '.join(ENDINGS)} or .zarr"
         raise InputError(f"{folder} holds no spectrum that can be read ({reason}): see 'bella formats'")
-    return UserFolder(tuple(files), tuple(left_out))
+    return UserFolder(tuple(files), tuple(left_out), tuple(others))
 
 
-def _candidates(folder: Path) -> Iterator[Path]:
-    """Zarr stores and files that may hold spectra, in order of their names."""
+def _all_in(folder: Path, above: frozenset[Path] = frozenset()) -> Iterator[Path]:
+    """Zarr stores and files of a folder, hidden ones aside, in order of their names."""
+    above |= {folder.resolve()}
     for path in sorted(folder.iterdir()):
         if path.name.startswith("."):
             continue
-        if path.is_dir():
-            is_store = any((path / mark).is_file() for mark in ZARR_MARKS)
-            yield from (path,) if is_store else _candidates(path)
-        elif path.name.lower().endswith(ENDINGS) or find_product(path.name) is not None:
+        if not path.is_dir() or _is_store(path) or not os.access(path, os.R_OK | os.X_OK):
             yield path
+        elif path.resolve() not in above:  # links may lead in a circle
+            yield from _all_in(path, above)
+
+
+def _is_store(path: Path) -> bool:
+    return any((path / mark).is_file() for mark in ZARR_MARKS)
+
+
+def _is_candidate(path: Path) -> bool:
+    """Whether a file is looked at, by its name or its first bytes."""
+    is_named = path.name.lower().endswith(ENDINGS) or find_product(path.name) is not None
+    return is_named or path.is_dir() or _head(path).startswith(HEADS)
+
+
+def _looks_like_data(path: Path) -> bool:
+    name, head = path.name.lower(), _head(path)
+    is_binary = b"\0" in head and not name.endswith(PICTURES)
+    return is_binary or name.endswith(DATA_ENDINGS) or head.startswith(DATA_HEADS)
+
+
+def _head(path: Path) -> bytes:
+    with path.open("rb") as stream:
+        return stream.read(64)
+
+
+def _days_of(time: npt.NDArray[np.datetime64]) -> set[date]:
+    """Days with records; one at midnight alone is the end of a day."""
+    kept = time[:-1] if time.size > 1 and time[-1] == time[-1].astype("M8[D]") else time
+    return {one.item() for one in np.unique(kept.astype("M8[D]"))}
 
 
 def _near_noon(spectrum: xr.Dataset, begin: np.datetime64) -> np.datetime64:

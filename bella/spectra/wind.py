@@ -5,6 +5,7 @@ The CDFs are at 1 minute (H1), at native cadence (L2), key parameters (K0), and 
 
 import struct
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -13,7 +14,7 @@ from scipy.io import readsav
 
 from bella.exceptions import InputError
 from bella.spectra.assembly import Origin, assemble, assemble_sweeps, cadence_s, date_of, shared_channels
-from bella.spectra.beside import FLUX_AT_1_AU, Beside, epoch_of, read_records
+from bella.spectra.beside import Beside, epoch_of, read_records, timed
 from bella.spectra.bounded import inflate, reading
 from bella.spectra.cdf import CdfFile, NumberArray
 from bella.spectra.dynamic_spectrum import GEOCENTRIC
@@ -21,6 +22,7 @@ from bella.spectra.positions import EARTH_RADIUS_KM, with_positions
 from bella.spectra.wind_minutes import with_sweeps, with_visits
 
 OBSERVATORY = "WIND"
+HIGHEST_MHZ = {"rad1": 1.04, "rad2": 13.825, "tnr": 0.256}
 ANGLES = ("colatitude", "azimuth")
 DENSITIES = ("PSD_V2_SP", "PSD_V2_Z", "PSD_V2_S", "PSD_V2")
 """Antennas of L2, the best first: the summed pair, along the spin axis, in the spin plane; TNR has one."""
@@ -91,16 +93,19 @@ def read_h1(cdf: CdfFile, receiver: str = "") -> tuple[xr.Dataset, ...]:
 def _h1_receiver(cdf: CdfFile, receiver: str, time: np.ndarray) -> xr.Dataset:
     ratio = cdf.numbers(f"E_VOLTAGE_{receiver}", 2)
     ratio[~(ratio > 0.0)] = np.nan
-    beside = Beside(cdf, ratio.shape)
-    flagged = beside.flagged()
-    if flagged is not None:
-        ratio[flagged] = np.nan
+    beside = Beside(cdf, ratio.shape, f"E_VOLTAGE_{receiver}", ("TNR", "RAD1", "RAD2"))
+    beside.clear(ratio)
+    offset_s = beside.offset_s(time)
     name = f"Minimum_voltage_{receiver}"
     background = cdf.numbers(name).reshape(-1)[: ratio.shape[1]] if cdf.has_records(name) else np.ones(ratio.shape[1])
-    frequency_mhz = cdf.frequency_mhz(f"Frequency_{receiver}", "kHz")
+    stated_mhz = cdf.frequency_mhz(f"Frequency_{receiver}", "kHz", HIGHEST_MHZ[receiver.lower()])
+    frequency_mhz, ratio = shared_channels(stated_mhz, ratio, cdf.name)
     origin = Origin(OBSERVATORY, receiver, "voltage_ratio", cdf.name)
-    spectrum = assemble(origin, time, frequency_mhz, ratio, {"interpolated": ~(background > 0.0)})
-    by_name = {"RAD1": with_visits, "RAD2": with_sweeps}
+    extra: dict[str, npt.NDArray[Any]] = {"interpolated": ~(background > 0.0)}
+    if offset_s is not None:
+        time, extra["sample_time"] = timed(time, offset_s)
+    spectrum = beside.noted(assemble(origin, time, frequency_mhz, ratio, extra))
+    by_name = {"RAD1": with_visits, "RAD2": with_sweeps} if offset_s is None else {}
     return by_name[receiver](spectrum) if receiver in by_name else spectrum
 
 
@@ -131,7 +136,7 @@ def read_l2(cdf: CdfFile, receiver: str) -> tuple[xr.Dataset, ...]:
     InputError
         If the file is not of this product or holds no data.
     """
-    time, stated_mhz = cdf.utc(epoch_of(cdf)), cdf.frequency_mhz("FREQUENCY", "Hz")
+    time, stated_mhz = cdf.utc(epoch_of(cdf)), cdf.frequency_mhz("FREQUENCY", "Hz", HIGHEST_MHZ[receiver])
     variable, density = _fullest(cdf, DENSITIES)
     frequency_mhz = stated_mhz if stated_mhz.ndim == 2 else stated_mhz[: density.shape[1]]
     if frequency_mhz.shape[-1] != density.shape[1]:
@@ -158,7 +163,7 @@ def _fullest(cdf: CdfFile, variables: tuple[str, ...]) -> tuple[str, NumberArray
         if best is None or count > (1.0 + AS_FULL) * best[0]:
             best = count, name, values
     if best is None or not best[0]:
-        held = [name for name in variables if name in cdf.variables]
+        held = [name for name in variables if cdf.stored_name(name)]
         if not held:
             raise InputError(f"{cdf.name} has no variable {variables[0]!r}: it is not the product it is named after")
         raise InputError(f"{cdf.name}: {', '.join(held)} hold no data: the receiver was off; leave the file out")
@@ -194,7 +199,7 @@ def read_k0(cdf: CdfFile, receiver: str = "") -> tuple[xr.Dataset, ...]:
     if not frequency:
         raise InputError(f"{cdf.name}: E_Average has no frequencies; take another version of the file")
     origin = Origin(OBSERVATORY, "TNR+RAD1+RAD2", "db_over_background", cdf.name)
-    time, frequency_mhz = cdf.utc(epoch_of(cdf, "E_Average")), cdf.frequency_mhz(frequency, "Hz")
+    time, frequency_mhz = cdf.utc(epoch_of(cdf, "E_Average")), cdf.frequency_mhz(frequency, "Hz", HIGHEST_MHZ["rad2"])
     return (read_records(cdf, origin, "E_Average", time, frequency_mhz, decibel),)
 
 
@@ -224,25 +229,25 @@ def read_l3_directions(cdf: CdfFile, receiver: str) -> tuple[xr.Dataset, ...]:
         If the file is not of this product.
     """
     time, flux = cdf.utc(epoch_of(cdf, "STOKES_I")), cdf.numbers("STOKES_I", 1)
-    beside = Beside(cdf, flux.shape)
-    flagged = beside.flagged()
-    if flagged is not None:
-        flux[flagged] = np.nan
+    beside = Beside(cdf, flux.shape, "STOKES_I")
+    beside.clear(flux)
+    time = beside.shifted(time)
     values = {"intensity": flux}
     for name, stored in DIRECTIONS.items():
         column = beside.matrix(stored) if cdf.has_records(stored) else None
         if column is not None:
             values[name] = column
-    for stored in FLUX_AT_1_AU:
-        column = beside.matrix(stored) if cdf.has_records(stored) else None
-        if column is not None:
-            values["flux_sfu_1au"] = column
+    sfu = beside.flux_sfu_1au()
+    if sfu is not None:
+        values["flux_sfu_1au"] = sfu
     sweep = beside.matrix("SWEEP") if cdf.has_records("SWEEP") else None
     origin = Origin(OBSERVATORY, receiver.upper(), "flux_w_m2_hz", cdf.name)
     # without a number of the sweep it is cut by the visits of the channels alone
     sweep = np.zeros(time.size, np.float32) if sweep is None else sweep.astype(np.float32)
-    spectrum = assemble_sweeps(origin, sweep, time, cdf.frequency_mhz("FREQUENCY", "kHz"), values)
-    return (spectrum.assign_attrs(left_out=";".join(beside.left_out)) if beside.left_out else spectrum,)
+    spectrum = assemble_sweeps(
+        origin, sweep, time, cdf.frequency_mhz("FREQUENCY", "kHz", HIGHEST_MHZ[receiver]), values
+    )
+    return (beside.noted(spectrum),)
 
 
 def read_60s(path: Path, receiver: str) -> tuple[xr.Dataset, ...]:

@@ -16,7 +16,7 @@ import pytest
 from typer.main import get_command
 from typer.testing import CliRunner
 
-from bella.arrivals import write_arrivals
+from bella.arrivals import arrivals_csv
 from bella.bursts import published_arrivals
 from bella.cli import app
 from bella.pipeline.release import Wanted, make_release
@@ -51,7 +51,7 @@ def can_run(block: str) -> bool:
 def put_files(page: Path, home: Settings) -> None:
     """Put the files that a page reads into the working folder."""
     if page.name == "python.md":  # its results are printed on the page
-        write_arrivals(published_arrivals(np.array([0.25, 0.5, 1.0])), Path("arrivals.csv"))
+        Path("arrivals.csv").write_text(arrivals_csv(published_arrivals(np.array([0.25, 0.5, 1.0]))))
     elif page.name == "spectra.md":
         simulate_days(Path("archive"), [date(2010, 1, 17)], 1, ["WI_H1_WAV"])
         file = next(Path("archive").rglob("*.cdf"))

@@ -1,10 +1,13 @@
 """Every flag is raised beyond its limit and not before it, and modes count from theirs."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy import stats
 
 from bella.multilateration import localise
+from bella.multilateration.axes import Axes
 from bella.multilateration.checks import flags_of
 from bella.multilateration.regions import Image, find_modes
 from tests.multilateration.geometry import EVENT, FOUR, PLAIN, grid_of, on_spiral, table_of
@@ -39,7 +42,7 @@ def two_bumps(lower_nats: float, saddle_nats: float) -> Image:
     """A ridge with two tops, of which the second is lower, and the saddle between lower again than that."""
     profile = np.interp(np.arange(21), [0, 5, 10, 15, 20], [-20, 0, -lower_nats - saddle_nats, -lower_nats, -20])
     across = -0.5 * (np.arange(-3, 4) / 1.5) ** 2
-    return Image(profile[:, None] + across, np.zeros(2), np.ones(2), np.array([1.0, 0.0]))
+    return Image(profile[:, None] + across, np.zeros(2), np.ones(2), Axes.straight(np.array([[1.0], [0.0]])))
 
 
 @pytest.mark.parametrize(
@@ -52,7 +55,7 @@ def test_a_mode_is_not_far_below_and_stands_by_itself(lower_nats, saddle_nats, m
 def test_a_turned_image_has_its_modes_where_the_lattice_lies() -> None:
     turn = np.array([np.cos(0.7), np.sin(0.7)])
     image = two_bumps(1.0, 2.0)
-    straight, turned = find_modes(image), find_modes(Image(image.log_density, image.corner, image.pitch, turn))
+    straight, turned = find_modes(image), find_modes(replace(image, axes=Axes.straight(turn[:, None])))
     matrix = np.array([[turn[0], -turn[1]], [turn[1], turn[0]]])
 
     np.testing.assert_allclose(turned.mean_rsun, straight.mean_rsun @ matrix.T, atol=1e-9)

@@ -34,6 +34,9 @@ CASES = {
     "40 deg, 7 s, free speed": ((186.0, -45.0, 0.0), spread(40), 7.0, WIDE, PAIR),
     "170 deg, free speed": ((60.0, 80.0, 0.0), spread(170), 30.0, WIDE, PAIR),
     "five receivers, free speed": (on_spiral(100), FIVE, 16.0, WIDE, 0.0),
+    "one poor clock, 60 Rsun": (on_spiral(60), EVENT, (5.0, 120.0, 5.0), NARROW, 0.0),
+    "one poor clock, 20 Rsun": (on_spiral(20), EVENT, (5.0, 5.0, 120.0), NARROW, PAIR),
+    "one poor clock, free speed": (on_spiral(110), EVENT, (120.0, 5.0, 5.0), WIDE, PAIR),
     "out of the plane": (on_spiral(60), EVENT + np.array([[0, 0, 30.0], [0, 0, -20.0], [0, 0, 5.0]]), 30.0, WIDE, PAIR),
 }
 
@@ -119,7 +122,7 @@ def test_too_sharp_a_posterior_is_an_error_that_names_its_frequency(monkeypatch)
     monkeypatch.setattr(cells_module, "MAX_CELLS", 2_000)
     monkeypatch.setattr(cells_module, "MAX_CELLS_TOGETHER", 2_000)
     grid = many(30)
-    grid.sigma_s[28] = 2.0, 200.0, 2.0
+    grid.sigma_s[28] = 0.2, 200.0, 0.2
 
     with pytest.raises(ConvergenceError, match=rf"^{grid.frequency_mhz[28]:g} MHz: .* larger sigma_s"):
         posterior_of(grid.take(np.arange(27, 30)))

@@ -15,9 +15,9 @@ from bella.simulation.burst import SPEED_LAWS, heard, source_position_rsun
 from bella.simulation.light_curves import PulseLaw
 from bella.simulation.sky import DEPARTURES, draw_burst
 from bella.simulation.strata import FLEETS, STRATA, JudgingSeed, SimulatedCase, isolated_burst, judging_seed
-from bella.simulation.truth import burst_of, burst_truth, write_case
+from bella.simulation.truth import burst_truth
 from bella.spacecraft import position_hee
-from bella.spectra import by_observatory, open_spectra, over_background, sample_times
+from bella.spectra import over_background, sample_times
 
 PROBE = """
 import pkgutil, sys, importlib, bella.simulation
@@ -193,7 +193,9 @@ def test_the_truth_survives_json(stratum: str) -> None:
     burst = isolated_burst(stratum, "pair", 4).burst
     stored = json.loads(json.dumps(burst_truth(burst, ["WIND"]), allow_nan=False))
 
-    assert burst_of(stored) == burst
+    assert set(SimulatedBurst.__dataclass_fields__) <= set(stored)
+    assert (stored["phi0_deg"], stored["v_sw_km_s"]) == (burst.phi0_deg, burst.v_sw_km_s)
+    assert PulseLaw(**stored["pulse"]) == burst.pulse
     half_rise, light = (
         np.array([moment.rstrip("Z") for moment in stored["heard"]["WIND"][name]], dtype="datetime64[ns]")
         for name in ("half_rise_utc", "light_utc")
@@ -212,24 +214,7 @@ def test_the_truth_survives_json(stratum: str) -> None:
 def test_infinite_beams_survive_json() -> None:
     burst = SimulatedBurst(np.datetime64("2012-06-07T19:20:00.123456789", "ns"), pulse=PulseLaw("gamma"))
     assert np.isinf(burst.directivity)
-    assert burst_of(json.loads(json.dumps(burst_truth(burst, ["WIND"]), allow_nan=False))) == burst
-    with pytest.raises(InputError, match="not the truth of a simulated burst"):
-        burst_of({"release_utc": "2012-06-07T19:20:00Z"})
-
-
-def test_a_case_that_is_written_can_be_read(tmp_path: Path) -> None:
-    case = isolated_burst("directional", "2021", 1)
-    paths = write_case(case, tmp_path / "case")
-    read = by_observatory(one for path in paths for one in open_spectra(path))
-
-    assert set(read) == set(case.spectra)
-    for name, spectrum in read.items():
-        np.testing.assert_array_equal(spectrum["intensity"], case.spectra[name]["intensity"])
-        np.testing.assert_array_equal(sample_times(spectrum), sample_times(case.spectra[name]))
-        assert spectrum.attrs["origin"] == "simulated"
-    truth = json.loads((tmp_path / "case" / "truth.json").read_text())
-    assert burst_of(truth) == case.burst
-    assert (truth["stratum"], truth["seed"]) == ("directional", 1)
+    assert json.loads(json.dumps(burst_truth(burst, ["WIND"]), allow_nan=False))["directivity"] is None
 
 
 def test_the_page_names_every_stratum_and_fleet() -> None:

@@ -72,8 +72,10 @@ def test_solar_orbiter_is_where_it_was_at_the_centre_of_the_sweep(tmp_path: Path
     np.testing.assert_allclose(read["position_km"], where_km + 8.0 * velocity_km_s, rtol=1e-12)
 
 
-@pytest.mark.parametrize("unit", ["km", "AU"])
-def test_positions_in_another_unit_are_left_out(tmp_path: Path, unit: str) -> None:
+@pytest.mark.parametrize(
+    ("unit", "factor_km"), [("km", 1.0), ("[km]", 1.0), ("m", 1e-3), ("AU", 149597870.7), ("R", 0)]
+)
+def test_positions_are_in_the_unit_that_the_file_states(tmp_path: Path, unit: str, factor_km: float) -> None:
     path = tmp_path / "sta_l3_wav_hfr_20211120_v01.cdf"
     variables: list[archive_files.Variable] = [
         ("Epoch", archive_files.TT2000, archive_files.tt2000(UTC), True, {}),
@@ -84,7 +86,11 @@ def test_positions_in_another_unit_are_left_out(tmp_path: Path, unit: str) -> No
 
     (read,) = open_spectra(archive_files.write_cdf(path, path.stem, variables))
 
-    assert ("position_km" in read) is (unit == "km")
+    if factor_km:
+        np.testing.assert_allclose(read["position_km"], factor_km)
+    else:
+        assert "position_km" not in read
+        assert read.attrs["left_out"] == "SC_POS_HEE"
 
 
 def test_positions_that_do_not_fit_the_records_are_left_out(tmp_path: Path) -> None:
