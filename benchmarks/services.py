@@ -75,6 +75,7 @@ class Services:
             "OPENBLAS_NUM_THREADS": "1",
             "BELLA_HOME": str(self.home),
             "BELLA_DATABASE_URL": f"postgresql+psycopg://bella@127.0.0.1:{self.ports['database']}/bella",
+            "PREFECT_SERVER_ANALYTICS_ENABLED": "false",
             "PREFECT_API_URL": f"http://127.0.0.1:{self.ports['prefect']}/api",
             **self.settings,
         }
@@ -154,7 +155,13 @@ class Services:
             self._running[name] = self._begin(command, variables)
             time.sleep(1.0)
         if name == "database":
-            ready = [self._programs / "pg_isready", "--quiet", "--host=127.0.0.1", f"--port={self.ports['database']}"]
+            ready = [
+                self._programs / "pg_isready",
+                "--quiet",
+                "--host=127.0.0.1",
+                "--username=bella",
+                f"--port={self.ports['database']}",
+            ]
             return subprocess.run(ready, check=False).returncode == 0
         path = {"prefect": "/api/health", "api": "/health/api"}[name]
         return self.status(path, name) not in {"none", "502"}
