@@ -1,18 +1,19 @@
 """From a file that is visible to the track that is served, with all services: ``python -m benchmarks.latency``.
 
-Files of simulated days are put into the mirror as the fetcher does it: first those that come within days, of two
-spacecraft, whose track is preliminary; then those of a third. PostgreSQL, Prefect, the worker and the API run as in
-``docker-compose.yml``, and the API is asked until it serves the track: once while nothing else is to be done, and once
-beside a backfill of whole days.
+Files of simulated days of three spacecraft are put into the mirror as the fetcher does it. PostgreSQL, Prefect, the
+worker and the API run as in ``docker-compose.yml``, and the API is asked until it serves a track of the day: once while
+nothing else is to be done, and once beside a backfill of whole days.
 """
 
 import argparse
 import json
 import shutil
+import signal
 import statistics
 import tempfile
 import time
 from collections.abc import Sequence
+from contextlib import closing
 from datetime import UTC, date, datetime, timedelta
 from pathlib import Path
 from typing import Any
@@ -21,12 +22,12 @@ import httpx
 import numpy as np
 
 from bella.catalogue import Catalogue
+from bella.records import Origin
 from bella.settings import Settings
 from benchmarks.replay import DAY, Plan, simulate
 from benchmarks.services import Services
 
-EARLY = ("WI_K0_WAV", "STEREO_LEVEL2_SWAVES")
-LATE = ("SOLO_L3_RPW-TNR-SURV-FLUX", "SOLO_L3_RPW-HFR-SURV-FLUX")
+DATASETS = ("WI_K0_WAV", "STEREO_LEVEL2_SWAVES", "SOLO_L3_RPW-TNR-SURV-FLUX", "SOLO_L3_RPW-HFR-SURV-FLUX")
 LAST_DAY = date(2026, 8, 10)
 """Near the end of the packaged positions of STEREO-A."""
 
@@ -43,21 +44,24 @@ def arrive(files: Sequence[Path], source: Path, mirror: Path) -> None:
         staged.replace(target)
 
 
-def served_s(services: Services, day: date, tier: str) -> float | None:
-    """Time until the API serves a solution of a tier for a burst of a day, s; None where it never does."""
+def served_s(services: Services, day: date) -> float | None:
+    """Time until the API serves a solution for a burst of a day, s; None where the day has none."""
     begin, url = time.monotonic(), f"http://127.0.0.1:{services.ports['api']}/api/v1/bursts"
-    while time.monotonic() - begin < MOST_S:
-        reply = httpx.get(url, params={"origin": "simulated", "limit": 1000}, trust_env=False, timeout=60)
-        found = reply.json()["bursts"] if reply.status_code == 200 else []
-        of_day = [one for burst in found if burst["start_utc"][:10] == f"{day}" for one in burst["solutions"]]
-        if any(one["tier"] == tier for one in of_day):
-            return time.monotonic() - begin
-        time.sleep(POLL_S)
-    return None
+    with closing(Catalogue.open(services.environment["BELLA_DATABASE_URL"])) as catalogue:
+        while time.monotonic() - begin < MOST_S:
+            is_done = catalogue.searched_day(day, (Origin.SIMULATED,)) is not None
+            reply = httpx.get(url, params={"origin": "simulated", "limit": 1000}, trust_env=False, timeout=60)
+            bursts = reply.json()["bursts"] if reply.status_code == 200 else []
+            if any(one["solutions"] for one in bursts if one["start_utc"][:10] == f"{day}"):
+                return time.monotonic() - begin
+            if is_done:
+                return None
+            time.sleep(POLL_S)
+    raise RuntimeError(f"nothing became of {day} in {MOST_S:g} s: see {services.folder / 'log'}")
 
 
 def measure(days: int, backfill: int, folder: Path) -> dict[str, Any]:
-    """Latency of each tier, quiet and beside a backfill.
+    """Latency, quiet and beside a backfill.
 
     Parameters
     ----------
@@ -72,7 +76,7 @@ def measure(days: int, backfill: int, folder: Path) -> dict[str, Any]:
         Ready for JSON.
     """
     first = LAST_DAY - (2 * days + backfill - 1) * DAY
-    plan = Plan(2 * days + backfill, 0, 1, datasets=(*EARLY, *LATE), first=first)
+    plan = Plan(2 * days + backfill, 0, 1, datasets=DATASETS, first=first)
     written = simulate(folder / "simulated", plan)
     home = folder / "home"
     home.mkdir()
@@ -87,23 +91,18 @@ def measure(days: int, backfill: int, folder: Path) -> dict[str, Any]:
                 for day in plan.all_days[2 * days :]:
                     arrive([path for _, path in written[day]], folder / "simulated", settings.mirror_root)
             for day in wanted:
-                for tier, keys in (("preliminary", EARLY), ("final", LATE)):
-                    files = [path for key, path in written[day] if key in keys]
-                    arrive(files, folder / "simulated", settings.mirror_root)
-                    found.setdefault(f"{tier}, {name}", []).append(served_s(services, day, tier))
+                arrive([path for _, path in written[day]], folder / "simulated", settings.mirror_root)
+                found.setdefault(name, []).append(served_s(services, day))
     return {name: _summary(values) for name, values in found.items()}
 
 
 def _summary(values: Sequence[float | None]) -> dict[str, Any]:
     served = [one for one in values if one is not None]
-    if not served:
-        return {"served": 0}
-    return {
-        "served": len(served),
-        "never": len(values) - len(served),
-        "median_s": round(statistics.median(served), 1),
-        "p98_s": round(float(np.quantile(served, 0.98)), 1),
-    }
+    found: dict[str, Any] = {"days": len(values), "with a track": len(served)}
+    if served:
+        found["median_s"] = round(statistics.median(served), 1)
+        found["p98_s"] = round(float(np.quantile(served, 0.98)), 1)
+    return found
 
 
 def main() -> None:
@@ -112,6 +111,7 @@ def main() -> None:
     parser.add_argument("--days", type=int, default=10, help="days measured, quiet and beside a backfill")
     parser.add_argument("--backfill", type=int, default=30, help="days of the backfill")
     given = parser.parse_args()
+    signal.signal(signal.SIGTERM, signal.default_int_handler)  # the services end with it
     with tempfile.TemporaryDirectory(prefix="bella-latency-", ignore_cleanup_errors=True) as folder:
         print(json.dumps(measure(given.days, given.backfill, Path(folder)), indent=1))
 

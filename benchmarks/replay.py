@@ -344,7 +344,7 @@ def _solutions(catalogue: Catalogue) -> list[Any]:
 
 def export(home: Home, plan: Plan) -> dict[str, Any]:
     """All that the catalogue says, but for when it was written and under which names files are kept."""
-    untold = {"created_utc", "store_path", "spectra_path", "changed_utc", "received_utc", "searched_utc"}
+    untold = {"created_utc", "store_path", "spectra_path", "changed_utc", "received_utc", "searched_utc", "updated_utc"}
 
     def _told(record: Any) -> dict[str, Any]:
         return {name: value for name, value in asdict(record).items() if name not in untold}
@@ -493,6 +493,7 @@ def main() -> None:
     parser.add_argument("--duplicates", type=int, default=16, help="runs started at the same time")
     parser.add_argument("--dataset", action="append", choices=[*LATENCY_D], help="may be given again; default: all")
     given = parser.parse_args()
+    signal.signal(signal.SIGTERM, signal.default_int_handler)  # the services end with it
     datasets = tuple(given.dataset or LATENCY_D)
     plan = Plan(given.days, given.kills, given.seed, given.duplicates, datasets)
     with tempfile.TemporaryDirectory(prefix="bella-replay-", ignore_cleanup_errors=True) as folder:
