@@ -126,7 +126,14 @@ class Settings(BaseSettings):
         "coronal holes. Without it no source regions are given.",
     )
 
-    @field_validator("in_situ", "regions", mode="before")
+    events: Path | None = Field(
+        default=None,
+        description="Folder of lists of flares, CMEs, particle events and radio bursts that others published "
+        "(`docs/linked-events.md`); `bella fetch --follow` puts NOAA's flares there. Without it bursts have no linked "
+        "events.",
+    )
+
+    @field_validator("in_situ", "regions", "events", mode="before")
     @classmethod
     def _unset_where_empty(cls, folder: object) -> object:
         """An empty variable is none: the path of an empty name would be the working folder."""
@@ -155,7 +162,7 @@ class Settings(BaseSettings):
     def day_figure(self, day: date, origin: Origin = Origin.ARCHIVE) -> Path:
         """File of the figure of a searched day in data of an origin, drawn again whenever it is searched again."""
         mark = "" if origin is Origin.ARCHIVE else f"-{origin}"
-        return self.figures_root / "days" / f"{day}{mark}.png"
+        return self.figures_root / "days" / f"{day}{mark}.svg"
 
     @property
     def mirror_root(self) -> Path:

@@ -30,7 +30,7 @@ from bella.catalogue import Catalogue, Localisation, Solution
 from bella.exceptions import NoDataError
 from bella.formats import localisation_csv
 from bella.plotting import edge_name, selected_regions
-from bella.plotting.listing import significant
+from bella.plotting.geometry import significant
 
 router = APIRouter(prefix="/api/v1", tags=["bursts"])
 
@@ -66,7 +66,7 @@ def latest_burst(catalogue: CatalogueHere, wanted: Annotated[BurstSelection, Que
 @router.get("/bursts/{burst_id}")
 def burst(burst_id: str, catalogue: CatalogueHere) -> BurstReply:
     """One burst with the newest solution of each series."""
-    return BurstReply.of(catalogue.burst(burst_id))
+    return BurstReply.of(catalogue.burst(burst_id), catalogue.events.of_burst(burst_id))
 
 
 @router.get("/bursts/{burst_id}/versions")

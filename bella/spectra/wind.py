@@ -4,6 +4,7 @@ The CDFs are at 1 minute (H1), at native cadence (L2), key parameters (K0), and 
 """
 
 import struct
+from datetime import datetime
 from pathlib import Path
 from typing import Any
 
@@ -16,7 +17,7 @@ from bella.exceptions import InputError
 from bella.spectra.assembly import Origin, assemble, assemble_sweeps, cadence_s, date_of, shared_channels
 from bella.spectra.beside import Beside, epoch_of, read_records, timed
 from bella.spectra.bounded import inflate, reading
-from bella.spectra.cdf import CdfFile, NumberArray
+from bella.spectra.cdf import CdfFile, NumberArray, in_mhz
 from bella.spectra.dynamic_spectrum import GEOCENTRIC
 from bella.spectra.positions import EARTH_RADIUS_KM, with_positions
 from bella.spectra.wind_minutes import with_sweeps, with_visits
@@ -282,7 +283,8 @@ def read_60s(path: Path, receiver: str) -> tuple[xr.Dataset, ...]:
         quantity, factor = UNITS[units.pop()]
         frequency_khz, mean = _matrix([block[0] for _, block in records]), _matrix([block[1] for _, block in records])
         mean[~((mean > 0.0) & (mean < 1e30))] = np.nan
-        frequency_mhz, mean = shared_channels(frequency_khz * 1e-3, mean * factor, path.name)
+        stated_mhz = in_mhz(frequency_khz, "khz", HIGHEST_MHZ[receiver], f"{path.name}: its frequency")
+        frequency_mhz, mean = shared_channels(stated_mhz, mean * factor, path.name)
         time = _header_times(headers, path.name)
         origin = Origin(OBSERVATORY, receiver.upper(), quantity, path.name)
         position_re = np.array([header[-3:] for header in headers], dtype=np.float64)
@@ -304,6 +306,7 @@ def _header_times(headers: list[tuple[int, ...]], source: str) -> npt.NDArray[np
     for row, header in enumerate(headers):
         date = "{:04d}-{:02d}-{:02d}T{:02d}:{:02d}:{:02d}".format(*header[3:9])
         try:
+            datetime.fromisoformat(date)  # numpy takes a damaged minute for an offset from UTC
             calendar[row] = np.datetime64(date, "s")
         except ValueError as error:
             raise InputError(f"{source}: record {row + 1} has the date {date}: download it again") from error
