@@ -84,7 +84,6 @@ def measure(days: int, backfill: int, folder: Path) -> dict[str, Any]:
     recent = (datetime.now(UTC).date() - first) // timedelta(days=1)
     found: dict[str, list[float | None]] = {}
     with Services(home, {"BELLA_RECENT_DAYS": f"{recent}"}) as services:
-        Catalogue.open(services.environment["BELLA_DATABASE_URL"], create=True).close()
         services.start("worker")
         for name, wanted in (("quiet", plan.all_days[:days]), ("beside a backfill", plan.all_days[days : 2 * days])):
             if name != "quiet":

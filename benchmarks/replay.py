@@ -472,7 +472,6 @@ def compare(plan: Plan, folder: Path) -> dict[str, Any]:
             homes.append(Home(place / "bella-home", place / "archive"))
             if name == "disturbed":
                 homes[-1].services = stack.enter_context(Services(homes[-1].path))
-                Catalogue.open(homes[-1].settings.catalogue_url, create=True).close()
             replay(homes[-1], plan, steps, source, quiet=name == "quiet")
         return report(*homes, plan)
 

@@ -19,6 +19,8 @@ from typing import Any
 
 import httpx
 
+from bella.catalogue import Catalogue
+
 INSTALLED = Path("/usr/lib/postgresql")
 PATIENCE_S = 300.0
 PROBE_S = 1.0
@@ -55,6 +57,7 @@ class Services:
         self.ports = {name: _free_port() for name in ("database", "prefect", "api")}
         self._database_is_up = False
         self._make_databases()
+        Catalogue.open(self.environment["BELLA_DATABASE_URL"], create=True).close()
         for name in ("prefect", "api"):
             self.start(name)
         threading.Thread(target=self._probe, name="probe", daemon=True).start()
