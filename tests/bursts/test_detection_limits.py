@@ -48,3 +48,20 @@ def test_how_long_a_channel_stays_near_its_peak(channel: int, minutes: int) -> N
     usual_s = 60.0 + 2 * decay_s(FREQUENCY_MHZ[channel])
 
     assert _lasting(grid, 300, channel) == pytest.approx(60.0 * minutes / usual_s, rel=0.05)
+
+
+@pytest.mark.parametrize(
+    ("height_db", "after_db", "is_near"),
+    [(10.0, 6.0, True), (10.0, 4.0, False), (30.0, 22.0, True), (30.0, 18.0, False)],
+)
+def test_near_its_peak_is_within_half_of_it_and_ten_db(height_db: float, after_db: float, is_near: bool) -> None:
+    channel = 35
+    channels = slice(channel - 2, channel + 3)
+    spectrum = with_column(
+        with_column(quiet(), slice(300, 308), channels, height_db), slice(308, 314), channels, after_db
+    )
+    grid = search_grid(over_quiet(spectrum))
+    minutes = 14 if is_near else 8
+    usual_s = 60.0 + 2 * decay_s(FREQUENCY_MHZ[channel])
+
+    assert _lasting(grid, 300, channel) == pytest.approx(60.0 * minutes / usual_s, rel=0.05)
