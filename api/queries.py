@@ -9,9 +9,10 @@ from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Fie
 from pydantic_core import PydanticCustomError
 
 from bella.answer import Grade
-from bella.catalogue import RANGES, BurstQuery, Solution
+from bella.catalogue import RANGES, BurstQuery, EventQuery, Solution
 from bella.exceptions import InputError, NoDataError
 from bella.flags import FLAGS
+from bella.linked_events import KINDS, EventKind
 from bella.records import ANNOUNCED_ORIGINS, Origin, Tier, origins_asked
 from bella.spacecraft import observatory_name
 
@@ -216,6 +217,32 @@ class DetectionFilter(OriginChoice):
         if start >= stop:
             raise InputError("start: is not before stop; exchange them")
         return start, stop
+
+
+class EventFilter(_Query):
+    """Which events are asked for; without parameters, all from the first on."""
+
+    start: Asked = Field(None, description="Events that start at this UTC time or later.", examples=["2012-06-07"])
+    stop: Asked = Field(None, description="Events that start before this UTC time.", examples=["2012-06-08"])
+    kind: list[EventKind] = Field([], description=f"{', '.join(KINDS)}; repeatable.")
+    observatory: Asked = Field(None, description="Seen from there: EARTH, or a spacecraft.", examples=["SOLO"])
+    linked: bool = Field(False, description="True: only events that are near a burst.")
+    limit: int = Field(100, ge=1, le=1000, description="Events per reply.")
+    cursor: Asked = CURSOR
+
+    def query(self) -> EventQuery:
+        """Question to the catalogue.
+
+        Raises
+        ------
+        InputError
+            If a time cannot be read or start is not before stop.
+        """
+        start, stop = parse_utc(self.start, "start"), parse_utc(self.stop, "stop")
+        if start and stop and start >= stop:
+            raise InputError("start: is not before stop; exchange them, or leave one out")
+        observer = _observatory(self.observatory) if self.observatory else None
+        return EventQuery(start, stop, frozenset(self.kind), observer, self.linked, self.cursor, self.limit)
 
 
 class DayFilter(OriginChoice):

@@ -1,5 +1,6 @@
 """What the replies hold. Every time is UTC, every position HEE in solar radii."""
 
+from collections.abc import Sequence
 from dataclasses import asdict
 from datetime import date, datetime, timedelta
 from math import isnan
@@ -9,6 +10,7 @@ from urllib.parse import urlencode
 from pydantic import BaseModel, ConfigDict, Field
 
 from api.calibration_section import CalibrationReply, calibration_of
+from api.event_section import LinkedEventReply
 from api.wording import APPARENT_SOURCE
 from bella.catalogue import (
     UNSEARCHED,
@@ -21,6 +23,7 @@ from bella.catalogue import (
     Solution,
     Submission,
 )
+from bella.linked_events import Link
 from bella.records import REAL_ORIGINS, DayAnswer, Origin
 
 API = "/api/v1"
@@ -304,11 +307,14 @@ class BurstReply(Reply):
     preferred_solution: str | None
     preference: PreferenceReply | None
     solutions: list[SolutionReply]
+    events: list[LinkedEventReply] | None = Field(
+        None, description="Published events near the burst, the nearest first; null in lists of bursts."
+    )
     links: dict[str, str]
 
     @classmethod
-    def of(cls, summary: BurstSummary) -> "BurstReply":
-        """Reply for a burst of the catalogue."""
+    def of(cls, summary: BurstSummary, near: Sequence[Link] | None = None) -> "BurstReply":
+        """Reply for a burst of the catalogue, with the events near it where these are given."""
         burst, kept, preferred = summary.burst, summary.preference, summary.preferred
         said = said_of(preferred) if preferred else dict.fromkeys(Said.model_fields)
         if burst.retracted:
@@ -331,6 +337,7 @@ class BurstReply(Reply):
             updated_utc=burst.updated_utc,
             retracted=RetractionReply.of(burst.retracted),
             solutions=[SolutionReply.of(solution) for solution in summary.solutions],
+            events=None if near is None else [LinkedEventReply.near(one) for one in near],
             links=burst_links(burst),
         )
 
@@ -489,7 +496,7 @@ def day_links(day: date, origin: Origin = Origin.ARCHIVE) -> dict[str, str]:
 def burst_links(burst: Burst) -> dict[str, str]:
     """Addresses of everything about a burst."""
     base = f"{API}/bursts/{burst.burst_id}"
-    parts = ("versions", "track", "posterior")
+    parts = ("versions", "track", "posterior", "events")
     figures = {f"figure_{name}": f"{base}/figures/{name}" for name in ("constellation", "spectra")}
     return {
         "self": base,

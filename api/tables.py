@@ -7,7 +7,7 @@ from fastapi import Request, Response
 from pydantic import Field
 
 from api.errors import NotAcceptableError
-from api.queries import BurstFilter, DetectionFilter, SolutionChoice
+from api.queries import BurstFilter, DetectionFilter, EventFilter, SolutionChoice
 from api.wording import APPARENT_SOURCE
 from bella.catalogue import BurstSummary, Catalogue, Detection, Solution
 from bella.formats import (
@@ -38,6 +38,12 @@ class BurstTableFilter(BurstFilter):
 
 class DetectionTableFilter(DetectionFilter):
     """Which detections are asked for, and in which format."""
+
+    format: str | None = FORMAT
+
+
+class EventTableFilter(EventFilter):
+    """Which published events are asked for, and in which format."""
 
     format: str | None = FORMAT
 

@@ -126,7 +126,14 @@ class Settings(BaseSettings):
         "coronal holes. Without it no source regions are given.",
     )
 
-    @field_validator("in_situ", "regions", mode="before")
+    events: Path | None = Field(
+        default=None,
+        description="Folder of lists of flares, CMEs, particle events and radio bursts that others published "
+        "(`docs/linked-events.md`); `bella fetch --follow` puts NOAA's flares there. Without it bursts have no linked "
+        "events.",
+    )
+
+    @field_validator("in_situ", "regions", "events", mode="before")
     @classmethod
     def _unset_where_empty(cls, folder: object) -> object:
         """An empty variable is none: the path of an empty name would be the working folder."""

@@ -31,7 +31,7 @@ def mock_burst() -> None:
 
 @flow(name="housekeeping")
 def housekeeping() -> list[str]:
-    """Sweep the store, and publish the built-in event where it is not there; returns what was removed."""
+    """Sweep the store, publish the built-in event where it is not there, link events; returns what was removed."""
     log_to(None)
     settings = Settings()
     with closing(Catalogue.open(settings.catalogue_url, create=True)) as catalogue:
@@ -42,4 +42,6 @@ def housekeeping() -> list[str]:
             is_there = False
     if not is_there:
         localise_burst()
+    if settings.events is not None and settings.events.is_dir():  # the fetcher makes it with the first file
+        import_module("bella.pipeline.linked_events").refresh_events(settings)
     return removed

@@ -153,7 +153,7 @@ def test_fetcher_alone_changes_the_mirror_and_may_change_nothing_else() -> None:
     assert services()["fetcher"]["volumes"] == [f"mirror:{mirror}"]
     assert f"mirror:{mirror}:ro" in services()["worker"]["volumes"]
     given = services()["fetcher"]["environment"]
-    for name in ("BELLA_IN_SITU", "BELLA_REGIONS"):
+    for name in ("BELLA_IN_SITU", "BELLA_REGIONS", "BELLA_EVENTS"):
         assert interpolated(given[name], {}).startswith(f"{mirror}/")
     extension = Settings(home=Path("/var/lib/bella")).ephemeris_extension
     assert extension.is_relative_to(mirror)

@@ -21,12 +21,18 @@ from bella.catalogue import Catalogue
 from bella.store import open_group
 from tests.service_processes.compose import Places
 from tests.service_processes.postgres import PASSWORD, Databases, complete_postgres, databases
-from tests.service_processes.processes import Processes, free_port, until
+from tests.service_processes.processes import Processes, free_port
+from tests.waiting import PATIENCE_S, until
 
 pytestmark = pytest.mark.service
 
-PATIENCE_S = 600.0
 SERVED = ("prefect", "worker", "api")
+SCHEDULES = {"BELLA_SCHEDULE_S": "30", "BELLA_DAYS_SCHEDULE_S": "3600", "BELLA_LEASE_S": "30", "BELLA_DRAWS": "200"}
+"""A run that finds nothing starts Python and Prefect: with no pause between them a busy machine does nothing else."""
+
+ASKED_AFTER_S = 1.0
+CLIENT = httpx.Client(trust_env=False, timeout=PATIENCE_S)
+SUBMITTED_MHZ = np.geomspace(0.15, 2.0, 8)
 
 
 @dataclass(frozen=True)
@@ -39,12 +45,12 @@ class Running:
     home: Path
     catalogue_url: str
 
-    def start(self, service: str) -> None:
+    def start(self, service: str, *deployments: str) -> None:
         """Start a service and wait until its own health check is content."""
         port = self.ports.get(service)
         environment = {"HOME": "/nonexistent", "TMPDIR": self.places.moved["/tmp/prefect"]}
         environment |= self.places.environment(service)
-        self.processes.start(service, self.places.command(service, port), environment)
+        self.processes.start(service, [*self.places.command(service, port), *deployments], environment)
         check = self.places.health_check(service, port)
 
         def healthy() -> bool:
@@ -52,10 +58,10 @@ class Running:
             asked = subprocess.run(check, env={**os.environ, **environment}, capture_output=True, check=False)
             return asked.returncode == 0
 
-        until(healthy, PATIENCE_S, f"{service} healthy\n{self.processes.told()}")
+        until(healthy, lambda: f"{service} healthy\n{self.processes.told()}", ASKED_AFTER_S)
 
     def get(self, path: str) -> httpx.Response:
-        return httpx.get(f"http://127.0.0.1:{self.ports['api']}{path}", trust_env=False, timeout=10)
+        return CLIENT.get(f"http://127.0.0.1:{self.ports['api']}{path}")
 
     def bursts(self) -> dict[str, Any]:
         """Bursts of the API by their id."""
@@ -65,18 +71,22 @@ class Running:
 
     def submit(self, days_later: int) -> str:
         """Submit the arrival times of the built-in burst, as if on a later day; returns the id it gets."""
-        table = half_maximum_arrivals()
+        table = half_maximum_arrivals(SUBMITTED_MHZ)
         table["arrival_utc"] += np.timedelta64(days_later, "D")
         url = f"http://127.0.0.1:{self.ports['api']}/api/v1/arrivals"
         with closing(Catalogue.open(self.catalogue_url)) as catalogue:
             _, secret = catalogue.create_token(f"Ann, {days_later}")
         headers = {"Content-Type": "text/csv", "Authorization": f"Bearer {secret}"}
-        reply = httpx.post(url, content=arrivals_csv(table).encode(), headers=headers, trust_env=False, timeout=30)
+        reply = CLIENT.post(url, content=arrivals_csv(table).encode(), headers=headers)
         assert reply.status_code == 202, reply.text
         return str(reply.json()["submission_id"])
 
     def wait_for(self, *burst_ids: str) -> None:
-        until(lambda: set(burst_ids) <= set(self.bursts()), PATIENCE_S, f"{burst_ids}\n{self.processes.told()}")
+        until(
+            lambda: set(burst_ids) <= set(self.bursts()),
+            lambda: f"{burst_ids}\n{self.processes.told()}",
+            ASKED_AFTER_S,
+        )
 
 
 @pytest.fixture(scope="module")
@@ -97,7 +107,7 @@ def running(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Running]:
 
 def _arranged(processes: Processes, kept: Databases, home: Path, temporary: Path) -> Running:
     ports = {"prefect": free_port(), "api": free_port()}
-    variables = {"BELLA_DB_PASSWORD": PASSWORD, "BELLA_SCHEDULE_S": "5"}
+    variables = {"BELLA_DB_PASSWORD": PASSWORD, **SCHEDULES}
     moved = {
         f"postgresql+psycopg://bella:{PASSWORD}@database:5432/bella": kept.catalogue,
         f"postgresql+asyncpg://bella:{PASSWORD}@database:5432/prefect": kept.prefect,
@@ -131,14 +141,13 @@ def test_killed_worker_loses_nothing_and_doubles_nothing(running: Running) -> No
     with closing(Catalogue.open(running.catalogue_url)) as catalogue:
         until(
             lambda: any(run.state == "running" and run.subject in expected for run in catalogue.stage_runs(5)),
-            PATIENCE_S,
-            f"the worker is at work on a table\n{running.processes.told()}",
+            lambda: f"the worker is at work on a table\n{running.processes.told()}",
         )
         running.processes.kill("worker")
         assert catalogue.pending_submissions() != ()
-        running.start("worker")
+        running.start("worker", "submissions")
         running.wait_for(*expected)
-        until(lambda: catalogue.pending_submissions() == (), PATIENCE_S, "every table is done")
+        until(lambda: catalogue.pending_submissions() == (), "every table is done")
         for burst in running.bursts():
             versions = catalogue.versions(burst)
             assert {solution.version for solution in versions} == {1}

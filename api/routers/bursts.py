@@ -66,7 +66,7 @@ def latest_burst(catalogue: CatalogueHere, wanted: Annotated[BurstSelection, Que
 @router.get("/bursts/{burst_id}")
 def burst(burst_id: str, catalogue: CatalogueHere) -> BurstReply:
     """One burst with the newest solution of each series."""
-    return BurstReply.of(catalogue.burst(burst_id))
+    return BurstReply.of(catalogue.burst(burst_id), catalogue.events.of_burst(burst_id))
 
 
 @router.get("/bursts/{burst_id}/versions")

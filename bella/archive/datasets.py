@@ -47,7 +47,7 @@ class Dataset:
         What a file holds: a ``day``, a ``month`` (then ``{date}`` is its first day) or a ``year``. Files of months and
         years grow under one name.
     kind : str
-        ``spectra``, ``in_situ`` (hourly speeds of the wind) or ``regions`` (of the Sun).
+        ``spectra``, ``in_situ`` (hourly speeds of the wind), ``regions`` (of the Sun) or ``events`` (flares).
     """
 
     key: str
@@ -60,7 +60,7 @@ class Dataset:
     last: date | None = None
     is_civil_day: bool = True
     period: Literal["day", "month", "year"] = "day"
-    kind: Literal["spectra", "in_situ", "regions"] = "spectra"
+    kind: Literal["spectra", "in_situ", "regions", "events"] = "spectra"
 
     def folders(self, day: date) -> tuple[str, ...]:
         """Folders that may hold the file of a day, relative to the root of the archive, without a slash at the end."""
@@ -240,8 +240,18 @@ COMPANIONS = (
         date(1996, 1, 2),
         kind="regions",
     ),
+    Dataset(
+        "NOAA_EVENTS",
+        (),
+        "{date}events.txt",
+        ("stp/space-weather/swpc-products/daily_reports/solar_event_reports/{year}/{month}",),
+        86_400.0,
+        1,
+        date(1996, 7, 31),
+        kind="events",
+    ),
 )
-"""What stands beside a track: hourly speeds of the solar wind, and NOAA's summaries of active regions."""
+"""What stands beside a track: hourly speeds of the wind, NOAA's summaries of active regions, and its daily flares."""
 
 
 def find_datasets(keys: Iterable[str]) -> tuple[Dataset, ...]:

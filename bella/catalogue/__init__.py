@@ -6,6 +6,7 @@ require_extra("sqlalchemy")
 
 from bella.catalogue.catalogue import Catalogue
 from bella.catalogue.detections import UNSEARCHED
+from bella.catalogue.events import EventPage, EventQuery, KnownEvent, ListRead, PublishedEvents
 from bella.catalogue.leases import Lease
 from bella.catalogue.observability import FleetMap, ObservedDay, ReceiverDay
 from bella.catalogue.operation import Freshness, Latency, MockRun, Operation, SolutionTimes, Work
@@ -51,16 +52,21 @@ __all__ = [
     "DaySummary",
     "Delivery",
     "Detection",
+    "EventPage",
+    "EventQuery",
     "FleetMap",
     "Freshness",
+    "KnownEvent",
     "Latency",
     "Lease",
+    "ListRead",
     "Localisation",
     "MockRun",
     "ObservedDay",
     "Operation",
     "Preference",
     "Publication",
+    "PublishedEvents",
     "ReceiverDay",
     "Retraction",
     "SearchedDay",

@@ -25,6 +25,7 @@ from bella.catalogue import (
     webhooks,
 )
 from bella.catalogue.engine import connect, display_name, parse_url, reading, snapshot
+from bella.catalogue.events import PublishedEvents
 from bella.catalogue.operation import Operation
 from bella.catalogue.records import (
     BurstPage,
@@ -58,6 +59,8 @@ class Catalogue:
     ----------
     name : str
         Name of the database for messages, without its password.
+    events : PublishedEvents
+        Events that others published, and which belong to a burst.
     operation : Operation
         Tables about the service itself: freshness, latencies, mock bursts, observability.
     """
@@ -66,6 +69,7 @@ class Catalogue:
         self._engine = engine
         self.name = display_name(engine.url)
         self.operation = Operation(engine)
+        self.events = PublishedEvents(engine)
 
     @classmethod
     def open(cls, database_url: str, *, create: bool = False) -> Self:

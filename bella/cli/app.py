@@ -15,6 +15,7 @@ from bella.cli import (
     calibrate,
     catalogue,
     ephemeris,
+    events,
     fetch,
     localise,
     release,
@@ -117,6 +118,7 @@ for name, function, epilog in (
 
 for name, group in (
     ("catalogue", catalogue.catalogue_app),
+    ("events", events.events_app),
     ("release", release.release_app),
     ("store", upkeep.store_app),
     ("token", access.token_app),

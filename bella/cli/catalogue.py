@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from rich.table import Table
 
     from bella.catalogue import Burst, BurstSummary, Catalogue, Localisation, Solution
+    from bella.linked_events import Link
     from bella.records import Origin
 
 OriginOption = Annotated[
@@ -178,16 +179,28 @@ def show_burst(burst_id: BurstId, home: Home = None, as_json: AsJson = False) ->
     with closing(open_catalogue(settings_of(home))) as catalogue:
         summary = catalogue.burst(burst_id)
         if as_json:
-            print_json(burst_row(summary) | {"details": [_details(catalogue, one) for one in summary.solutions]})
+            near = [asdict(one.event) | {"delay_s": one.delay_s} for one in catalogue.events.of_burst(burst_id)]
+            details = [_details(catalogue, one) for one in summary.solutions]
+            print_json(burst_row(summary) | {"events": near, "details": details})
             return
         for solution in summary.solutions:
             show(track_table(catalogue, solution.solution_id))
         fits = [(one.series.edge, catalogue.track_fit(one.solution_id)) for one in summary.solutions]
         show(fit_table(fits))
+        for link in catalogue.events.of_burst(burst_id):
+            say(f"Near      {event_line(link)}")
         for solution in summary.solutions:
             which = "Preferred" if solution.preferred else "Other    "
             say(f"{which} {solution.solution_id}: {solution.answer.sentence}")
         say_answer(summary)
+
+
+def event_line(link: "Link") -> str:
+    """A published event near a burst, in one line."""
+    event, minutes = link.event, link.delay_s / 60.0
+    when = f"{abs(minutes):.0f} min {'after' if minutes >= 0 else 'before'} it at the Sun"
+    parts = (event.kind, event.size, f"{event.start_utc:%Y-%m-%d %H:%M}", f"({when}, {event.event_id})")
+    return " ".join(part for part in parts if part)
 
 
 def _details(catalogue: "Catalogue", solution: "Solution") -> dict[str, Any]:

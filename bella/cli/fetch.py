@@ -83,7 +83,8 @@ def _follow(settings: "Settings") -> None:
 
     if not (feeds(settings, datetime.now(UTC).date()) or _has_webhooks(settings)):
         raise InputError(
-            "there is nothing to follow: set BELLA_RECENT_DAYS, BELLA_IN_SITU or BELLA_REGIONS, or add a webhook"
+            "there is nothing to follow: set BELLA_RECENT_DAYS, BELLA_IN_SITU, BELLA_REGIONS or BELLA_EVENTS, "
+            "or add a webhook"
         )
     open_archive(settings.archive)  # a wrong address ends it now, and does not fail every minute
     log_to(None)

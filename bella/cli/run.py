@@ -113,7 +113,11 @@ def run(  # noqa: PLR0913, PLR0917 - one argument per option
 
 @contextmanager
 def _pipeline(settings: "Settings", asked: Asked, event: str | None = None) -> "Iterator[Progress]":
-    """What a run needs around it: folders, a log, its progress on the screen; bad choices are refused first."""
+    """What a run needs around it: folders, a log, its progress on the screen.
+
+    Bad choices are refused first, then a catalogue that cannot be opened: before Prefect is started.
+    """
+    from bella.catalogue import Catalogue
     from bella.multilateration import check_choices
     from bella.pipeline.inputs import check_subject
     from bella.pipeline.workers import prepare
@@ -123,6 +127,7 @@ def _pipeline(settings: "Settings", asked: Asked, event: str | None = None) -> "
         check_subject(event, settings.incoming_root)
     prepare(settings)
     log_to(settings.home / "logs" / "bella.log")
+    Catalogue.open(settings.catalogue_url, create=True).close()
     with stage_bars() as bar:
         yield bar
 

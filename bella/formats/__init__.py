@@ -4,7 +4,18 @@
 written from it: all formats hold the same numbers.
 """
 
-from bella.formats.columns import ARRIVALS, BURSTS, DAYS, DETECTIONS, LOCALISATIONS, SCHEMAS, TRACKS, Column, Schema
+from bella.formats.columns import (
+    ARRIVALS,
+    BURSTS,
+    DAYS,
+    DETECTIONS,
+    EVENTS,
+    LOCALISATIONS,
+    SCHEMAS,
+    TRACKS,
+    Column,
+    Schema,
+)
 from bella.formats.record_table import RecordTable, record_table
 from bella.formats.registry import FORMATS, Format, find_format
 from bella.formats.tables import COLUMNS, localisation_csv, localisation_records, track_numbers
@@ -15,6 +26,7 @@ __all__ = [
     "COLUMNS",
     "DAYS",
     "DETECTIONS",
+    "EVENTS",
     "FORMATS",
     "LOCALISATIONS",
     "SCHEMAS",

@@ -275,7 +275,38 @@ DAYS = Schema(
     ),
 )
 
-SCHEMAS = {schema.name: schema for schema in (BURSTS, LOCALISATIONS, TRACKS, DETECTIONS, ARRIVALS, DAYS)}
+EVENTS = Schema(
+    "events",
+    "Events that others published, and the bursts that they are near to",
+    "start_utc",
+    (
+        _text("event_id", "meta.id", "Source and the id that the event has there."),
+        _text("kind", "meta.code.class", "flare, cme, particles (onset) or radio (a burst that others detected)."),
+        _text("source", "meta.ref", "Who published it."),
+        _text("published_id", "meta.id", "Its id there."),
+        _text("observatory", "meta.id;instr.obsty", "Where it was seen from: EARTH, or a spacecraft."),
+        _time("start_utc", "time.start", "Begin, at the observer."),
+        _time("peak_utc", "time.epoch", "Peak, at the observer."),
+        _time("end_utc", "time.end", "End, at the observer."),
+        _time("at_sun_utc", "time.start", "Begin less the light travel from the Sun to the observer."),
+        _text("size", "meta.code", "Class of a flare, speed of a CME, instruments that measured the particles."),
+        _float("latitude_deg", "deg", "pos.bodyrc.lat", "Stonyhurst latitude, north positive."),
+        _float("longitude_deg", "deg", "pos.bodyrc.lon", "Stonyhurst longitude, west positive."),
+        F_LOW,
+        F_HIGH,
+        _text("link", "meta.ref.url", "Page about it."),
+        BURST_ID,
+        _float("delay_s", "s", "time.interval", "Begin of the event less that of the burst, both at the Sun."),
+        GRADE,
+        *_PHI0,
+        _float("range_low_rsun", "solRad", "pos.distance;stat.min", "Distance of the nearest source from the Sun."),
+        _float("range_high_rsun", "solRad", "pos.distance;stat.max", "Distance of the farthest source from the Sun."),
+        _text("sentence", "meta.note", "The answer about the burst in plain words."),
+        SOLUTION_ID,
+    ),
+)
+
+SCHEMAS = {schema.name: schema for schema in (BURSTS, LOCALISATIONS, TRACKS, DETECTIONS, ARRIVALS, DAYS, EVENTS)}
 """Published tables by name."""
 
 SOLUTION_COLUMNS = tuple(column.name for column in _LOCALISATION)

@@ -11,10 +11,10 @@ from typing import Any
 import numpy as np
 
 from bella.exceptions import InputError
-from bella.formats.columns import ARRIVALS, DETECTIONS, Column
+from bella.formats.columns import ARRIVALS, DETECTIONS, EVENTS, Column
 from bella.formats.record_table import RecordTable, Values, plain_rows
 
-TFCAT_TABLES = (DETECTIONS.name, ARRIVALS.name)
+TFCAT_TABLES = (DETECTIONS.name, ARRIVALS.name, EVENTS.name)
 """Tables whose rows have a spacecraft, times and frequencies."""
 
 SCHEMA_URI = "https://voparis-ns.obspm.fr/maser/tfcat/v1.0/schema#"
@@ -51,13 +51,15 @@ def tfcat_collections(table: RecordTable) -> dict[str, Json]:
     Raises
     ------
     InputError
-        If the table has no features in time and frequency.
+        If the table has no features in time and frequency; events without frequencies are left out.
     """
     if table.schema.name not in TFCAT_TABLES:
-        raise InputError(f"{table.schema.name}: TFCat holds {' and '.join(TFCAT_TABLES)} only; take another format")
+        raise InputError(f"{table.schema.name}: TFCat holds {', '.join(TFCAT_TABLES)} only; take another format")
+    if table.schema.name == EVENTS.name:
+        table = table.take(np.flatnonzero(np.isfinite(table.data["f_low_mhz"]) & ~np.isnat(table.data["end_utc"])))
     names = table.data["observatory"]
     parts = {str(name): table.take(np.flatnonzero(names == name)) for name in dict.fromkeys(names.tolist())}
-    made = _boxes if table.schema.name == DETECTIONS.name else _lines
+    made = _lines if table.schema.name == ARRIVALS.name else _boxes
     return {name: _collection(name, part, made(part)) for name, part in parts.items()}
 
 
@@ -77,7 +79,7 @@ def tfcat(table: RecordTable) -> bytes:
 
 
 def _collection(observatory: str, table: RecordTable, features: list[Json]) -> Json:
-    shown = table.schema.columns if table.schema.name == DETECTIONS.name else _line_columns(table)
+    shown = _line_columns(table) if table.schema.name == ARRIVALS.name else table.schema.columns
     return {
         "type": "FeatureCollection",
         "schema": SCHEMA_URI,
@@ -109,7 +111,7 @@ def _field(column: Column) -> Mapping[str, str]:
 
 
 def _boxes(table: RecordTable) -> list[Json]:
-    """A polygon for each detection, counterclockwise from the onset at the lowest frequency."""
+    """A polygon for each detection or event, counterclockwise from the onset at the lowest frequency."""
     begin, end = (unix_s(table.data[name]) for name in ("start_utc", "end_utc"))
     low, high = (table.data[name] for name in ("f_low_mhz", "f_high_mhz"))
     corners = np.stack([begin, low, end, low, end, high, begin, high, begin, low], axis=1).reshape(-1, 5, 2)

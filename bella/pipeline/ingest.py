@@ -96,12 +96,15 @@ def feeds(settings: Settings, today: date) -> tuple[Feed, ...]:
     first = today - settings.recent_days * DAY
     winds = tuple(one for one in COMPANIONS if one.kind == "in_situ")
     regions = tuple(one for one in COMPANIONS if one.kind == "regions")
+    flares = tuple(one for one in COMPANIONS if one.kind == "events")
     current = tuple(one for one in DATASETS if one.last is None or one.last >= first)
     found = [Feed(settings.archive, current, settings.mirror_root, first)] if settings.recent_days else []
     if settings.in_situ is not None:
         found.append(Feed(settings.archive, winds, settings.in_situ, first - IN_SITU_BEFORE))
     if settings.regions is not None:
         found.append(Feed(settings.regions_archive, regions, settings.regions, first - 2 * DAY))
+    if settings.events is not None:
+        found.append(Feed(settings.regions_archive, flares, settings.events, first - 2 * DAY))
     return tuple(found)
 
 

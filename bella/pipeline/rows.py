@@ -7,7 +7,7 @@ import numpy as np
 import xarray as xr
 
 from bella.answer import read_track
-from bella.catalogue import BurstQuery, BurstSummary, Catalogue, DaySummary, Solution
+from bella.catalogue import BurstQuery, BurstSummary, Catalogue, DaySummary, KnownEvent, Solution
 from bella.exceptions import InputError
 from bella.formats import track_numbers
 
@@ -107,6 +107,17 @@ def day_row(day: DaySummary) -> Row:
     del counts["searched"]
     words = {"day_utc": day.searched.day.isoformat(), "observatories": " ".join(day.searched.observatories)}
     return {**searched, **counts, **words}
+
+
+def event_rows(catalogue: Catalogue, known: KnownEvent) -> Iterator[Row]:
+    """Rows of a published event, one for each burst that it is near to; one row without a burst where there is none."""
+    own = asdict(known.event) | {"observatory": known.event.observer}
+    if not known.bursts:
+        yield own
+    for burst_id, delay_s in known.bursts.items():
+        preferred = catalogue.burst(burst_id).preferred
+        said = {**preferred.answer.model_dump(), "solution_id": preferred.solution_id} if preferred else {}
+        yield {**said, **own, "burst_id": burst_id, "delay_s": delay_s}
 
 
 def _series(solution: Solution) -> Row:

@@ -16,11 +16,13 @@ from functools import lru_cache
 from pathlib import Path
 
 import numpy as np
+import numpy.typing as npt
 import pandas as pd
 
 from bella.exceptions import InputError, NoDataError
 from bella.solar_wind.assimilation import HALF_ROTATION
 from bella.spacecraft import coverage
+from bella.spectra.assembly import dates_in
 from bella.spectra.beside import epoch_of
 from bella.spectra.cdf import open_cdf
 
@@ -41,6 +43,12 @@ ENDINGS = (".lst", ".dat", ".txt", *CDF_ENDINGS)
 
 CDF_SPEEDS = ("V", "plasmaSpeed", "ProtonSpeed", "flow_speed", "Flow_Speed", "V_proton", "SW_Speed", "bulkSpeed")
 """Names of the speed in the hourly CDFs of OMNI, COHO and HelioWeb (SPDF), the first with data is taken."""
+
+KM_S = {"": 1.0, "km/s": 1.0, "kms": 1.0, "km/sec": 1.0, "m/s": 1e-3, "ms": 1e-3}
+"""Units of speed, letters and strokes only, in km/s."""
+
+LONGEST_CDF = np.timedelta64(366, "D")
+"""Files are named after their first day; the longest have a year."""
 
 HALF_HOUR, NEAREST_HOUR = np.timedelta64(30, "m"), np.timedelta64(6, "h")
 """A speed is that of the middle of its hour; one within six hours of a burst is used for it."""
@@ -99,16 +107,31 @@ def _speeds_of_cdf(path: Path) -> pd.Series:
             if held:
                 raise NoDataError(f"{path.name} holds no hour with a speed: choose another interval")
             raise InputError(f"{path.name} has no speed of the solar wind: give hourly data of OMNI or COHO")
-        speed, utc = cdf.numbers(name, 1).astype(np.float64), cdf.utc(epoch_of(cdf, name))
+        unit = re.sub(r"[^a-z/]", "", cdf.attribute("UNITS", name).lower())
+        if unit not in KM_S:
+            raise InputError(f"{path.name}: {name} is in {unit!r}: give km/s")
+        speed, utc = cdf.numbers(name, 1).astype(np.float64) * KM_S[unit], cdf.utc(epoch_of(cdf, name))
     if speed.shape != utc.shape:
         raise InputError(f"{path.name}: {speed.size} speeds for {utc.size} times; take another version of the file")
     known = np.isfinite(speed) & ~np.isnat(utc) & (speed < FILL_KM_S)
     if not known.any():
         raise NoDataError(f"{path.name} holds no hour with a speed: choose another interval")
+    _check_days(path, utc[known])
     if not ((speed[known] >= 1.0) & (speed[known] <= FASTEST_KM_S)).all():
         raise InputError(f"{path.name} holds speeds that no solar wind has: give km/s, and 9999 for no measurement")
     hours = pd.DatetimeIndex(utc[known].astype("datetime64[h]").astype("datetime64[ns]"))
     return pd.Series(speed[known], index=hours, name=path.stem).groupby(level=0).mean().rename(path.stem)
+
+
+def _check_days(path: Path, utc: npt.NDArray[np.datetime64]) -> None:
+    """Hold times against the day in the name of the file, of which it is the first."""
+    first, last = utc.min(), utc.max()
+    for day in dates_in(path.name):
+        if not first - LONGEST_CDF <= day <= last + LONGEST_CDF:
+            raise InputError(
+                f"{path.name} is named after {str(day)[:10]}, but has speeds from {str(first)[:10]} to "
+                f"{str(last)[:10]}: its clock or its name is wrong; take another version of the file"
+            )
 
 
 def _numbers(path: Path) -> pd.DataFrame:

@@ -18,6 +18,7 @@ import pandas as pd
 
 from bella.exceptions import InputError
 from bella.solar_wind.in_situ import UsedFile, check_readable, files_below, why_left_out
+from bella.spectra.assembly import dates_in
 from bella.units import within_half_turn_deg
 
 HOLE_NUMBERS = ("lon_min_deg", "lon_max_deg", "lat_min_deg", "lat_max_deg")
@@ -34,6 +35,7 @@ SECTION = re.compile(r"\s*#?\s*(I{1,3}|IA)\.\s", re.IGNORECASE)
 REGION = re.compile(r"\s*(\d{1,5})\s+([NS])(\d{2})\s*([EW])(\d{2})\b(.*)", re.IGNORECASE)
 ISSUED = re.compile(r":\s*Issued\s*:\s*(\d{4} [A-Z][a-z]{2} \d{1,2})\b", re.IGNORECASE)
 
+NO_REGION = "99999"
 WRAP = 10_000
 """Summaries print four digits: the number after 9999 was 0000."""
 
@@ -126,13 +128,19 @@ def read_active_regions(path: Path) -> list[SourceRegion]:
     headings = {found[1].upper() for found in map(SECTION.match, lines) if found}
     if issued is None or not {"I", "IA"} <= headings:
         raise InputError(f"{path.name} is not a Solar Region Summary: give the text file of NOAA")
+    days = dates_in(path.name)
+    if days and all(abs(np.datetime64(issued, "ns") - day) > np.timedelta64(1, "D") for day in days):
+        raise InputError(
+            f"{path.name} is named after {str(days[0])[:10]}, but was issued on {issued:%Y-%m-%d}: rename it, or "
+            "download it again"
+        )
     regions, section = [], ""
     for line in lines:
         heading = SECTION.match(line)
         section = heading[1].upper() if heading else section
         row = REGION.match(line) if section in {"I", "IA"} else None
-        # rows that are no region (remarks, a number of nines) are left out
-        if row and row[1].strip("9 ") and int(row[3]) <= 90:
+        # rows that are no region (remarks, five nines) are left out; there was a region 9999
+        if row and row[1] != NO_REGION and int(row[3]) <= 90:
             regions.append(_active_region(row, issued, spotless=section == "IA"))
     return regions
 

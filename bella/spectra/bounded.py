@@ -37,7 +37,7 @@ INFLATED_BYTES = 256 << 20
 """Most that one file may hold once decompressed; a day at native cadence holds less than half."""
 
 LARGEST_ANSWER_BYTES = 1 << 30
-UNREADABLE = ("compress", "encod", "decod", "unsupported", "not implemented")
+UNREADABLE = ("compress", "encod", "unsupported", "not implemented")
 """Words of libraries about what they do not read in a file that may be whole."""
 
 

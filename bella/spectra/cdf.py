@@ -213,16 +213,11 @@ class CdfFile:
         if values.ndim == 2 and len(values) and ((values == values[0]) | np.isnan(values)).all():
             values = values[0] if np.isfinite(values[0]).any() else np.fmax.reduce(values)
         stated = re.sub(r"[^a-z]", "", self.attribute("UNITS", variable).lower()) or unit.lower()
-        if highest_mhz is None and stated not in MHZ:
-            raise InputError(f"{self.name}: variable {variable!r} is in {stated!r}, not in Hz, kHz or MHz")
-        highest, least = float(np.nanmax(values, initial=0.0)), highest_mhz or 0.0
-        for one in ([stated] if stated in MHZ else []) + ["hz", "khz", "mhz"]:
-            if highest_mhz is None or least / TOO_LOW < highest * MHZ[one] < least * TOO_HIGH:
-                return values.astype(np.float64) * MHZ[one]
-        raise InputError(
-            f"{self.name}: variable {variable!r} reaches {highest:g}, which in no unit is near the {highest_mhz:g} MHz "
-            "of this receiver: take another version of the file"
-        )
+        if highest_mhz is None:
+            if stated not in MHZ:
+                raise InputError(f"{self.name}: variable {variable!r} is in {stated!r}, not in Hz, kHz or MHz")
+            return values.astype(np.float64) * MHZ[stated]
+        return in_mhz(values, stated, highest_mhz, f"{self.name}: variable {variable!r}")
 
     def _ask(self, do: str, *of: Any) -> Any:
         return READER.ask(do, *of, cpu_s=self._cpu_s)
@@ -268,6 +263,39 @@ class CdfFile:
         if values.dtype.kind != "f":
             values = values.astype(np.float64)
         return np.concatenate([values, np.full((count, *values.shape[1:]), np.nan, dtype=values.dtype)])
+
+
+def in_mhz(values: npt.NDArray[Any], unit: str, highest_mhz: float, what: str) -> npt.NDArray[np.float64]:
+    """Frequencies in MHz, in the unit that is stated if by it they end about where the band of the receiver does.
+
+    Parameters
+    ----------
+    values : numpy.ndarray
+    unit : str
+        What the file states, lower case; another is tried where this is none, or cannot be.
+    highest_mhz : float
+        About where the band ends.
+    what : str
+        Named in the error.
+
+    Returns
+    -------
+    numpy.ndarray
+        Float64, MHz.
+
+    Raises
+    ------
+    InputError
+        If they end there in no unit.
+    """
+    highest = float(np.nanmax(values, initial=0.0))
+    for one in ([unit] if unit in MHZ else []) + ["hz", "khz", "mhz"]:
+        if highest_mhz / TOO_LOW < highest * MHZ[one] < highest_mhz * TOO_HIGH:
+            return values.astype(np.float64) * MHZ[one]
+    raise InputError(
+        f"{what} reaches {highest:g}, which in no unit is near the {highest_mhz:g} MHz of this receiver: take another "
+        "version of the file"
+    )
 
 
 @contextmanager

@@ -7,7 +7,15 @@ import numpy.typing as npt
 import xarray as xr
 
 from bella.exceptions import InputError
-from bella.spectra.assembly import Origin, assemble, cadence_s, nearest_records, shared_channels, without_strays
+from bella.spectra.assembly import (
+    Origin,
+    ascending,
+    assemble,
+    cadence_s,
+    nearest_records,
+    shared_channels,
+    without_strays,
+)
 from bella.spectra.beside import Beside, epoch_of, read_records, timed
 from bella.spectra.cdf import CdfFile, TimeArray
 
@@ -132,8 +140,7 @@ def _part(cdf: CdfFile, epoch: str, frequency: str, variable: str, highest_mhz: 
     if power.shape != (time.size, frequency_mhz.size):
         raise InputError(f"{cdf.name}: {variable} has the shape {power.shape}, not {(time.size, frequency_mhz.size)}")
     time = without_strays(time)
-    order = np.argsort(time, kind="stable")  # what has no time comes last
-    order = order[: np.count_nonzero(~np.isnat(time))]
+    order = ascending(time, lambda: np.isfinite(power).sum(axis=1))
     return Part(time[order], frequency_mhz, power[order], None if offset_s is None else offset_s[order])
 
 

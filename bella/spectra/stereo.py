@@ -11,7 +11,7 @@ from bella.exceptions import InputError
 from bella.spectra.assembly import Origin, assemble, date_of, mean_time_sd_s, shared_channels
 from bella.spectra.beside import Beside, epoch_of, longest_dwell_s, read_records, timed
 from bella.spectra.bounded import reading
-from bella.spectra.cdf import CdfFile
+from bella.spectra.cdf import CdfFile, in_mhz
 from bella.spectra.combination import combine_receivers
 
 SPACECRAFT = {"ahead": "STEREO-A", "behind": "STEREO-B"}
@@ -31,6 +31,7 @@ and two, 38 s apart. Edges of simulated minutes are least biased so; taken for m
 
 LARGEST_TEXT = 64 << 20
 MINUTE_WIDTH, VALUE_WIDTH = 4, 8
+REMARKS = "#;!"
 LOWEST_DB = -2.0
 """Nothing measured lies so far below the background: on a whole real day the lowest is -1.1 dB."""
 
@@ -196,12 +197,14 @@ def read_text(path: Path, receiver: str) -> tuple[xr.Dataset, ...]:
     with reading(str(path), "a table of STEREO/WAVES averages"):
         if path.stat().st_size > LARGEST_TEXT:
             raise InputError(f"{path.name} is too large for one day of this product")
-        first, second, *lines = path.read_text(encoding="ascii").splitlines()
-        frequency_mhz = np.array(first.split(), dtype=np.float64) * 1e-3
+        lines = path.read_text(encoding="utf-8-sig").splitlines()
+        first, second, *lines = [line for line in lines if line.strip() and line.lstrip()[0] not in REMARKS]
+        stated_khz = np.array(first.split(), dtype=np.float64)
+        frequency_mhz = in_mhz(stated_khz, "khz", HIGHEST_MHZ[band], f"{path.name}: its frequency")
         background = np.array(second.split(), dtype=np.float64)
         if background.size != frequency_mhz.size:
             raise ValueError(f"{frequency_mhz.size} frequencies, but {background.size} backgrounds")
-        minute, decibel = _columns([line for line in lines if line.strip()], frequency_mhz.size)
+        minute, decibel = _columns(lines, frequency_mhz.size)
     decibel[(np.abs(decibel + background) < 0.002) | (decibel < LOWEST_DB)] = np.nan
     time = midnight + (minute * 60 + 30) * np.timedelta64(10**9, "ns")
     origin = Origin(BY_LETTER[letter], band.upper(), "db_over_background", path.name)
@@ -222,5 +225,6 @@ def _columns(lines: list[str], channels: int) -> tuple[np.ndarray, np.ndarray]:
     if ((minute < 0) | (minute >= 1440)).any():
         raise ValueError("a minute outside the day")
     starts = range(MINUTE_WIDTH, width, VALUE_WIDTH)
-    values = [[line[start : start + VALUE_WIDTH] for start in starts] for line in lines]
-    return minute, np.array(values, dtype=np.float64)
+    # what did not fit into its column was written as stars
+    cells = [[line[start : start + VALUE_WIDTH].replace("*", "") for start in starts] for line in lines]
+    return minute, np.array([[cell if cell.strip() else "nan" for cell in row] for row in cells], dtype=np.float64)

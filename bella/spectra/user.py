@@ -155,11 +155,8 @@ def user_days(folder: Path) -> UserFolder:
     files, left_out, others = [], [], []
     for path in _all_in(folder):
         try:
-            if not _is_candidate(path):
-                if _looks_like_data(path):
-                    left_out.append(f"left out: {path} is of no form that is read here: write it as netCDF")
-                else:
-                    others.append(path.name)
+            if not (_is_candidate(path) or _looks_like_data(path)):
+                others.append(path.name)
                 continue
             spectra = open_spectra(path)
         except (BellaError, OSError) as error:

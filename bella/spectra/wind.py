@@ -16,7 +16,7 @@ from bella.exceptions import InputError
 from bella.spectra.assembly import Origin, assemble, assemble_sweeps, cadence_s, date_of, shared_channels
 from bella.spectra.beside import Beside, epoch_of, read_records, timed
 from bella.spectra.bounded import inflate, reading
-from bella.spectra.cdf import CdfFile, NumberArray
+from bella.spectra.cdf import CdfFile, NumberArray, in_mhz
 from bella.spectra.dynamic_spectrum import GEOCENTRIC
 from bella.spectra.positions import EARTH_RADIUS_KM, with_positions
 from bella.spectra.wind_minutes import with_sweeps, with_visits
@@ -282,7 +282,8 @@ def read_60s(path: Path, receiver: str) -> tuple[xr.Dataset, ...]:
         quantity, factor = UNITS[units.pop()]
         frequency_khz, mean = _matrix([block[0] for _, block in records]), _matrix([block[1] for _, block in records])
         mean[~((mean > 0.0) & (mean < 1e30))] = np.nan
-        frequency_mhz, mean = shared_channels(frequency_khz * 1e-3, mean * factor, path.name)
+        stated_mhz = in_mhz(frequency_khz, "khz", HIGHEST_MHZ[receiver], f"{path.name}: its frequency")
+        frequency_mhz, mean = shared_channels(stated_mhz, mean * factor, path.name)
         time = _header_times(headers, path.name)
         origin = Origin(OBSERVATORY, receiver.upper(), quantity, path.name)
         position_re = np.array([header[-3:] for header in headers], dtype=np.float64)

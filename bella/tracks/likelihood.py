@@ -134,13 +134,18 @@ class Likelihood:
 
     def log_density(self, phi0_rad: FloatArray, z: FloatArray) -> FloatArray:
         """Log of likelihood times prior, up to the normalisation of the prior of z and phi0, shape (B,)."""
+        return self.log_density_of(self.residual_s(phi0_rad, z), phi0_rad, z)
+
+    def log_density_of(self, residual_s: FloatArray, phi0_rad: FloatArray, z: FloatArray) -> FloatArray:
+        """The same, where the residuals are known."""
         angles = 0.0 if self.directions is None else (self.turned(phi0_rad, z) ** 2).sum(axis=-1)
         norm = self.log_norm + (0.5 * self.directions.log_norm if self.directions is not None else 0.0)
-        return np.asarray(norm - 0.5 * (self.chi2(self.residual_s(phi0_rad, z)) + angles + (z**2).sum(axis=-1)))
+        return np.asarray(norm - 0.5 * (self.chi2(residual_s) + angles + (z**2).sum(axis=-1)))
 
-    def normal_equations(self, phi0_rad: FloatArray, z: FloatArray) -> tuple[FloatArray, FloatArray]:
+    def normal_equations(
+        self, residual_s: FloatArray, phi0_rad: FloatArray, z: FloatArray
+    ) -> tuple[FloatArray, FloatArray]:
         """Gauss-Newton's matrix, shape (B, P, P), and the gradient of the log density, shape (B, P)."""
-        residual_s = self.residual_s(phi0_rad, z)
         slope = self.track.slopes_s(phi0_rad, z, self.seen.rows)[:, :-1]
         weighed = (slope.reshape(-1, slope.shape[-1]) @ self.weight).reshape(slope.shape)
         matrix = np.einsum("bpn,bqn->bpq", weighed, slope, optimize=True) + np.eye(z.shape[1])

@@ -168,14 +168,12 @@ class Rows:
 
 @dataclass(frozen=True)
 class _Sight:
-    """Lines from sources in the ecliptic plane to receivers: length, and cosine of the angle to the outward one."""
+    """Lines from sources in the ecliptic plane to receivers: length, cosine and sine of the angle to outward."""
 
     distance_rsun: FloatArray
     cosine: FloatArray
-    distance_by_range: FloatArray
-    distance_by_longitude: FloatArray
-    cosine_by_range: FloatArray
-    cosine_by_longitude: FloatArray
+    range_rsun: FloatArray
+    sine: FloatArray
 
     @classmethod
     def of(cls, range_rsun: FloatArray, longitude_rad: FloatArray, receiver_rsun: FloatArray) -> "_Sight":
@@ -185,10 +183,18 @@ class _Sight:
         above = x * cosine + y * sine - range_rsun  # of the receiver over the source, along the direction from the Sun
         aside = y * cosine - x * sine
         distance = np.sqrt(above**2 + aside**2 + receiver_rsun[:, 2] ** 2 + NEAREST_RSUN**2)
-        inverse = 1 / distance
-        mu = above * inverse
-        turn = range_rsun * aside * inverse
-        return cls(distance, mu, -mu, -turn, (mu**2 - 1) * inverse, aside * inverse + mu * turn * inverse)
+        return cls(distance, above / distance, range_rsun, aside / distance)
+
+    @property
+    def by_range(self) -> tuple[FloatArray, FloatArray]:
+        """Derivatives of length and cosine."""
+        return -self.cosine, (self.cosine**2 - 1) / self.distance_rsun
+
+    @property
+    def by_longitude(self) -> tuple[FloatArray, FloatArray]:
+        """Derivatives of length and cosine, per radian."""
+        turn_rsun = self.range_rsun * self.sine
+        return -turn_rsun, self.sine + self.cosine * turn_rsun / self.distance_rsun
 
 
 @dataclass(frozen=True)
@@ -334,8 +340,9 @@ class Track:
         range_rsun = self.range_rsun(z, basis)
         sight = _Sight.of(range_rsun, self.longitude_rad(phi0_rad, z, range_rsun), rows.receiver_rsun)
         delay_s = self.kappa(z)[:, None] * rows.rise_s
-        by_range = sight.distance_by_range / C_RSUN_S - delay_s * sight.cosine_by_range
-        by_turn = sight.distance_by_longitude / C_RSUN_S - delay_s * sight.cosine_by_longitude
+        by_range, by_turn = (
+            distance / C_RSUN_S - delay_s * cosine for distance, cosine in (sight.by_range, sight.by_longitude)
+        )
         turns = self.turns(range_rsun)
         limits = np.array([1.0, *self.model.knots_rsun, np.inf])
         part = np.clip(np.searchsorted(limits, range_rsun) - 1, 0, self.winds - 1)

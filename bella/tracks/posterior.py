@@ -126,7 +126,8 @@ def climb(likelihood: Likelihood, phi0_rad: FloatArray, z: FloatArray, iteration
     """
     z, damping = z.copy(), np.full(len(z), 1e-3)
     identity = np.eye(z.shape[1])
-    density = likelihood.log_density(phi0_rad, z)
+    residual_s = likelihood.residual_s(phi0_rad, z)
+    density = likelihood.log_density_of(residual_s, phi0_rad, z)
     hessian = np.empty((*z.shape, z.shape[1]))
     active = np.arange(len(z))
     fresh = np.ones(len(z), dtype=bool)
@@ -134,7 +135,7 @@ def climb(likelihood: Likelihood, phi0_rad: FloatArray, z: FloatArray, iteration
     for _ in range(iterations):
         new = active[fresh[active]]
         if new.size:
-            hessian[new], gradient[new] = likelihood.normal_equations(phi0_rad[new], z[new])
+            hessian[new], gradient[new] = likelihood.normal_equations(residual_s[new], phi0_rad[new], z[new])
         damped = (
             hessian[active]
             + damping[active, None, None] * identity * np.diagonal(hessian[active], axis1=1, axis2=2)[:, None, :]
@@ -142,10 +143,11 @@ def climb(likelihood: Likelihood, phi0_rad: FloatArray, z: FloatArray, iteration
         step = np.linalg.solve(damped, gradient[active][..., None])[..., 0]
         step = np.clip(step, -LARGEST_STEP, LARGEST_STEP)
         tried = z[active] + step
-        found = likelihood.log_density(phi0_rad[active], tried)
+        left_s = likelihood.residual_s(phi0_rad[active], tried)
+        found = likelihood.log_density_of(left_s, phi0_rad[active], tried)
         better = found >= density[active] - 1e-9
         won = active[better]
-        z[won], density[won] = tried[better], found[better]
+        z[won], density[won], residual_s[won] = tried[better], found[better], left_s[better]
         damping[active] = np.where(better, damping[active] / 5, damping[active] * 6)
         fresh[active] = better
         small = (np.abs(step) * np.sqrt(np.diagonal(hessian[active], axis1=1, axis2=2))).max(axis=1) < SMALL

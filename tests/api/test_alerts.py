@@ -22,6 +22,7 @@ from bella.records import Origin
 from bella.settings import Settings
 from tests.api.published import published, served, synthetic_burst
 from tests.plotting.synthetic import BURST_ID
+from tests.waiting import PATIENCE_S
 
 STREAM = "/api/v1/alerts/stream"
 
@@ -91,7 +92,7 @@ def test_the_list_goes_on_after_its_last(told: Settings) -> None:
 @contextmanager
 def listening(address: str, query: str = "", **headers: str) -> Iterator[Iterator[dict[str, str]]]:
     """Events of the stream of a real server."""
-    timeout = httpx.Timeout(20)
+    timeout = httpx.Timeout(PATIENCE_S)
     with (
         httpx.Client(trust_env=False, timeout=timeout) as client,
         client.stream("GET", f"{address}{STREAM}{query}", headers=headers) as reply,
@@ -160,11 +161,11 @@ def test_too_many_streams_are_asked_to_come_later(empty: Settings) -> None:
     with served(empty.model_copy(update={"max_streams": 1, "heartbeat_s": 0.2})) as address:
         with listening(address) as events:
             next(events)
-            reply = httpx.get(f"{address}{STREAM}", trust_env=False, timeout=10)
+            reply = httpx.get(f"{address}{STREAM}", trust_env=False, timeout=PATIENCE_S)
             assert reply.status_code == 503
             assert int(reply.headers["retry-after"]) > 0
         for _ in range(100):
-            with httpx.Client(trust_env=False).stream("GET", f"{address}{STREAM}", timeout=10) as again:
+            with httpx.Client(trust_env=False).stream("GET", f"{address}{STREAM}", timeout=PATIENCE_S) as again:
                 if again.status_code == 200:
                     break
         assert again.status_code == 200

@@ -14,7 +14,8 @@ import uvicorn
 from api import serve
 from api.app import create_app
 from bella.settings import Settings
-from tests.service_processes.processes import free_port, until
+from tests.service_processes.processes import free_port
+from tests.waiting import PATIENCE_S, until
 
 HEAD = b"GET /health/api HTTP/1.1\r\nHost: x\r\n"
 
@@ -24,11 +25,11 @@ class Up:
     port: int
 
     def connect(self) -> socket.socket:
-        return socket.create_connection(("127.0.0.1", self.port), timeout=10)
+        return socket.create_connection(("127.0.0.1", self.port), timeout=PATIENCE_S)
 
     def answers(self) -> bool:
         url = f"http://127.0.0.1:{self.port}/health/api"
-        return httpx.get(url, trust_env=False, timeout=10).status_code == 200
+        return httpx.get(url, trust_env=False, timeout=PATIENCE_S).status_code == 200
 
 
 @pytest.fixture
@@ -41,7 +42,7 @@ def up(empty: Settings, monkeypatch: pytest.MonkeyPatch) -> Iterator[Up]:
     server = uvicorn.Server(uvicorn.Config(create_app(empty), host="127.0.0.1", port=port, **options))
     thread = threading.Thread(target=server.run)
     thread.start()
-    until(lambda: server.started, 60, "server started")
+    until(lambda: server.started, "server started")
     yield Up(port)
     server.should_exit = True
     thread.join(30)

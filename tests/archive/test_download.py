@@ -35,6 +35,7 @@ from tests.archive.server import (
     visit,
     whole_without_length,
 )
+from tests.waiting import PATIENCE_S, until
 
 PATH = path_of(H1)
 FOLDER = f"{H1.folders(DAY)[0]}/"
@@ -377,17 +378,15 @@ def test_a_killed_process_leaves_nothing_that_looks_like_data(stocked: Server, c
         handler.end_headers()
         handler.wfile.write(cdf()[:40_000])
         handler.wfile.flush()
-        handler.connection.settimeout(20)
+        handler.connection.settimeout(PATIENCE_S)
         handler.rfile.read(1)  # until the process is gone
 
     stocked.faults[PATH] = [stall]
     process = start(stocked, mirror)
     part = (mirror / PATH).with_name(f".{Path(PATH).name}.part")
-    deadline = time.monotonic() + 20
-    while not (part.exists() and part.stat().st_size) and time.monotonic() < deadline:
-        time.sleep(0.02)
+    until(lambda: part.exists() and part.stat().st_size)
     process.send_signal(signal.SIGKILL)
-    process.communicate(timeout=10)
+    process.communicate(timeout=PATIENCE_S)
     assert visible(mirror) == []
     came = part.stat().st_size
     assert 0 < came <= 40_000
@@ -397,7 +396,7 @@ def test_a_killed_process_leaves_nothing_that_looks_like_data(stocked: Server, c
 
 
 def test_two_processes_end_with_one_good_file(stocked: Server, mirror: Path) -> None:
-    both, under_way, most = threading.Barrier(2, timeout=30), set[Handler](), [0]
+    both, under_way, most = threading.Barrier(2, timeout=PATIENCE_S), set[Handler](), [0]
 
     def list_for_both(handler: Handler) -> None:
         both.wait()
@@ -413,7 +412,7 @@ def test_two_processes_end_with_one_good_file(stocked: Server, mirror: Path) -> 
     stocked.faults[FOLDER] = [list_for_both] * 2
     stocked.faults[PATH] = [slow] * 2
     processes = [start(stocked, mirror) for _ in range(2)]
-    printed = sorted(process.communicate(timeout=30)[0].split() for process in processes)
+    printed = sorted(process.communicate(timeout=PATIENCE_S)[0].split() for process in processes)
     assert printed == [["fetched", sha256(cdf())], ["unchanged", sha256(cdf())]]
     assert (mirror / PATH).read_bytes() == cdf()
     assert hidden(mirror) == {".json"}

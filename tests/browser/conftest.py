@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from playwright.sync_api import Browser, Page, sync_playwright
+from playwright.sync_api import Browser, Page, expect, sync_playwright
 
 from bella.catalogue import Catalogue, SearchedDay, Solution
 from bella.pipeline.draw import draw_day
@@ -23,9 +23,11 @@ from tests.plotting.synthetic import (
     synthetic_spectra,
     synthetic_track_fit,
 )
+from tests.waiting import PATIENCE_S
 
 CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
 ARTIFACTS = Path(__file__).parents[2] / "test-artifacts"
+expect.set_options(timeout=1000 * PATIENCE_S)
 FLAGS = ["--no-sandbox", "--disable-gpu", "--disable-background-networking"]
 
 
@@ -111,7 +113,8 @@ def watch(browser: Browser, address: str, request: pytest.FixtureRequest) -> Ite
     """A fresh page; when the test is over it must have asked the loopback only, and complained of nothing."""
     context = browser.new_context(**{"viewport": {"width": 1280, "height": 800}, **getattr(request, "param", {})})
     seen = Watch(context.new_page(), address)
-    seen.page.set_default_timeout(20_000)
+    seen.page.set_default_timeout(1000 * PATIENCE_S)
+    seen.page.set_default_navigation_timeout(1000 * PATIENCE_S)
     seen.page.on("request", lambda asked: seen.requests.append(asked.url))
     seen.page.on("console", lambda note: note.type in {"error", "warning"} and seen.complaints.append(note.text))
     seen.page.on("pageerror", lambda error: seen.complaints.append(str(error)))

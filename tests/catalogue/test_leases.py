@@ -1,7 +1,5 @@
 import os
 import threading
-import time
-from collections.abc import Callable
 from datetime import UTC, date, datetime, timedelta
 
 import pytest
@@ -13,6 +11,7 @@ from bella.catalogue.leases import Owner, is_gone, process_start, this_process
 from bella.catalogue.models import StageRunRow
 from bella.exceptions import BusyError, ConvergenceError, StoreError, UnreachableError
 from tests.catalogue.examples import publication
+from tests.waiting import until
 
 
 def change(catalogue: Catalogue, **values: object) -> None:
@@ -134,7 +133,7 @@ def test_a_catalogue_that_refuses_does_not_hide_why_a_run_failed(catalogue: Cata
 
 def test_a_lease_is_renewed_beside_the_work_however_long_that_takes(catalogue: Catalogue) -> None:
     with catalogue.lease("localise", "T3-1", "slow", 0.6) as lease:
-        wait_until(lambda: catalogue.stage_runs(1)[0].expires_utc > lease.expires_utc + timedelta(seconds=1))
+        until(lambda: catalogue.stage_runs(1)[0].expires_utc > lease.expires_utc + timedelta(seconds=1))
         with pytest.raises(BusyError, match="run slow"):
             catalogue.lease("localise", "T3-1", "other", 0.6).__enter__()
     after = catalogue.stage_runs(1)[0].expires_utc
@@ -145,7 +144,7 @@ def test_a_lease_is_renewed_beside_the_work_however_long_that_takes(catalogue: C
 def test_a_lease_is_renewed_long_before_it_ends(catalogue: Catalogue) -> None:
     duration_s = 9.0
     with catalogue.lease("localise", "T3-1", "slow", duration_s) as lease:
-        wait_until(lambda: catalogue.stage_runs(1)[0].expires_utc > lease.expires_utc)
+        until(lambda: catalogue.stage_runs(1)[0].expires_utc > lease.expires_utc)
         renewed = catalogue.stage_runs(1)[0].expires_utc
     assert (renewed - lease.expires_utc).total_seconds() < duration_s, "before it had ended"
 
@@ -161,14 +160,14 @@ def test_a_heart_beats_on_after_a_database_that_was_away(catalogue: Catalogue, m
 
     monkeypatch.setattr(Lease, "renew", away_at_first)
     with catalogue.lease("localise", "T3-1", "slow", 0.3) as lease:
-        wait_until(lambda: len(asked) > 3)
+        until(lambda: len(asked) > 3)
         assert not lease.lost.is_set()
 
 
 def test_a_run_that_lost_its_lease_notices_and_publishes_nothing(catalogue: Catalogue) -> None:
     with catalogue.lease("localise", "T3-1", "slow", 0.3) as lease:
         change(catalogue, token="of a rival")
-        wait_until(lease.lost.is_set)
+        until(lease.lost.is_set)
         with pytest.raises(BusyError, match="taken over by another run"):
             catalogue.publish(publication(), lease)
         with pytest.raises(BusyError, match="taken over by another run"):
@@ -204,11 +203,3 @@ def test_subjects_of_live_runs_alone_are_in_use(catalogue: Catalogue) -> None:
     with catalogue.lease("localise", "T3-1", "one", 60.0):
         pass
     assert catalogue.held_subjects() == frozenset()
-
-
-def wait_until(holds: Callable[[], bool]) -> None:
-    """Wait for what another thread does; a loaded machine may take its time."""
-    until = time.monotonic() + 60
-    while not holds():
-        assert time.monotonic() < until
-        time.sleep(0.02)

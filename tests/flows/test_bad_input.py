@@ -40,7 +40,7 @@ def test_bad_table_is_refused_in_one_line(sandbox: Sandbox, table: str, words: t
     path = sandbox.elsewhere[1] / "arrivals.csv"
     path.write_text(table)
     output = sandbox.elsewhere[1] / "localisations.csv"
-    done = sandbox.bella("localise", str(path), "--output", str(output), code=2)
+    done = sandbox.here("localise", str(path), "--output", str(output), code=2)
     line = one_line(done.stderr.splitlines(keepends=True)[-1])
     for word in words:
         assert word in line
@@ -80,7 +80,7 @@ def test_localise_writes_table_and_draws(sandbox: Sandbox) -> None:
 def test_unknown_choice_is_refused_before_anything_starts(
     sandbox: Sandbox, arguments: tuple[str, ...], word: str
 ) -> None:
-    done = sandbox.bella("run", *arguments, code=2)
+    done = sandbox.here("run", *arguments, code=2)
     assert word in one_line(done.stderr)
     assert not sandbox.home.exists()
 
@@ -94,17 +94,18 @@ def test_foreign_file_in_place_of_the_catalogue_is_left_alone(sandbox: Sandbox) 
     assert "bella: " in done.stderr.splitlines()[-1]
     assert "Traceback" not in done.stderr
     assert path.read_bytes() == before
+    assert not (sandbox.home / "prefect" / "prefect.db").exists(), "refused before Prefect is started"
 
 
 def test_missing_catalogue_says_how_to_make_one(sandbox: Sandbox) -> None:
-    done = sandbox.bella("status", code=1)
+    done = sandbox.here("status", code=1)
     assert "bella run" in one_line(done.stderr)
 
 
 def test_read_only_home_is_one_line(sandbox: Sandbox, tmp_path: Path) -> None:
     blocked = tmp_path / "file"
     blocked.write_text("")
-    done = sandbox.bella("run", "--home", str(blocked / "home"), code=2)
+    done = sandbox.here("run", "--home", str(blocked / "home"), code=2)
     assert "home" in one_line(done.stderr)
 
 
@@ -121,7 +122,7 @@ def test_read_only_home_is_one_line(sandbox: Sandbox, tmp_path: Path) -> None:
 def test_bad_options_of_a_run_are_refused_in_one_line(
     sandbox: Sandbox, arguments: tuple[str, ...], message: str
 ) -> None:
-    done = sandbox.bella("run", *arguments, code=2)
+    done = sandbox.here("run", *arguments, code=2)
     assert message in done.stderr
     assert "Traceback" not in done.stderr
 

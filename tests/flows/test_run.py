@@ -6,9 +6,10 @@ import os
 import shutil
 import sqlite3
 import struct
-import subprocess
 import sys
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import closing
+from dataclasses import dataclass
 from pathlib import Path
 from subprocess import CompletedProcess
 
@@ -19,10 +20,87 @@ from fastapi.testclient import TestClient
 from api.app import create_app
 from bella.catalogue import Catalogue
 from bella.settings import Settings
-from tests.commands import BELLA, TIMEOUT_S, Sandbox
+from tests.commands import Sandbox
+from tests.conftest import REFERENCE_FILES
+from tests.solar_wind.in_situ import lists_of
 
 BURST = "T3-20120607-1929"
 FirstRun = tuple[Sandbox, "CompletedProcess[str]"]
+KILLED = """
+import os, signal, sys
+import bella.pipeline.publication as publication
+from bella.cli import main
+
+place = publication.place_group
+
+
+def placed_then_killed(staged, root, name):
+    path = place(staged, root, name)
+    if "posterior" in name:
+        os.kill(os.getpid(), signal.SIGKILL)
+    return path
+
+
+publication.place_group = placed_then_killed
+sys.argv = ["bella", "run", "--preset", "bella-2024"]
+main()
+"""
+
+
+@dataclass(frozen=True)
+class DirectRun:
+    """A home after two runs without Prefect that began at once, and what they printed."""
+
+    sandbox: Sandbox
+    both: tuple["CompletedProcess[str]", ...]
+
+
+@dataclass(frozen=True)
+class AsPublished:
+    """A home with the errors and the speed of the paper's code too: after a run that was killed, and the next one."""
+
+    before: Sandbox
+    killed: "CompletedProcess[str]"
+    rows_after_kill: dict[str, list[tuple[object, ...]]]
+    groups_after_kill: list[str]
+    sandbox: Sandbox
+    done: "CompletedProcess[str]"
+
+
+@pytest.fixture(scope="module")
+def in_situ(tmp_path_factory: pytest.TempPathFactory) -> dict[str, str]:
+    """Variable that names a folder with the measured wind, where the reference files are here."""
+    folder = tmp_path_factory.mktemp("in-situ")
+    if REFERENCE_FILES.is_dir():
+        lists_of(folder, REFERENCE_FILES)
+    return {"BELLA_IN_SITU": str(folder)}
+
+
+@pytest.fixture(scope="module")
+def first_run(tmp_path_factory: pytest.TempPathFactory, in_situ: dict[str, str]) -> FirstRun:
+    """The built-in event, run once with Prefect by a user who has nothing yet but the wind."""
+    sandbox = Sandbox.within(tmp_path_factory.mktemp("first"), **in_situ)
+    return sandbox, sandbox.bella("run")
+
+
+@pytest.fixture(scope="module")
+def direct_run(tmp_path_factory: pytest.TempPathFactory, in_situ: dict[str, str]) -> DirectRun:
+    """The same without Prefect, twice at once."""
+    sandbox = Sandbox.within(tmp_path_factory.mktemp("direct"), **in_situ)
+    with ThreadPoolExecutor(2) as pool:
+        waiting = [pool.submit(sandbox.bella, "run", "--direct", code=None) for _ in range(2)]
+    return DirectRun(sandbox, tuple(one.result() for one in waiting))
+
+
+@pytest.fixture(scope="module")
+def as_published(direct_run: DirectRun, tmp_path_factory: pytest.TempPathFactory) -> AsPublished:
+    """After the default preset, the one of the paper's code, in a copy of the home."""
+    before, sandbox = direct_run.sandbox, Sandbox.within(tmp_path_factory.mktemp("published"))
+    shutil.copytree(before.home, sandbox.home)
+    killed = sandbox.run(sys.executable, "-c", KILLED, code=None)
+    rows, groups = rows_of(sandbox), groups_of(sandbox)
+    done = sandbox.bella("run", "--direct", "--preset", "bella-2024", "--json")
+    return AsPublished(before, killed, rows, groups, sandbox, done)
 
 
 def catalogue_of(sandbox: Sandbox) -> Catalogue:
@@ -66,9 +144,9 @@ def test_answer_is_the_same_in_run_list_show_and_api(first_run: FirstRun) -> Non
         assert sentence in client.get(f"/bursts/{BURST}").text
 
 
-def test_published_result_is_reproduced(run_as_published: Sandbox) -> None:
+def test_published_result_is_reproduced(as_published: AsPublished) -> None:
     """Canizares et al. (2024): 10-150 solar radii, phi0 30 +- 2 deg, v_sw 400 +- 20 km/s."""
-    with closing(catalogue_of(run_as_published)) as catalogue:
+    with closing(catalogue_of(as_published.sandbox)) as catalogue:
         solution = next(
             one
             for one in catalogue.versions(BURST)
@@ -90,8 +168,8 @@ def test_published_result_is_reproduced(run_as_published: Sandbox) -> None:
     assert all(row.contraction_v > 0.99 for row in rows)
 
 
-def test_joint_fit_agrees_with_the_paper_and_has_honest_errors(run_as_published: Sandbox) -> None:
-    with closing(catalogue_of(run_as_published)) as catalogue:
+def test_joint_fit_agrees_with_the_paper_and_has_honest_errors(as_published: AsPublished) -> None:
+    with closing(catalogue_of(as_published.sandbox)) as catalogue:
         found = [one for one in catalogue.versions(BURST) if one.series.preset == "bella-2024"]
         tracks = {one.series.edge: catalogue.track_fit(one.solution_id) for one in found}
         flags = {one.series.edge: one.flags for one in found}
@@ -151,9 +229,10 @@ def test_embedded_server_ends_with_the_command(first_run: FirstRun) -> None:
     assert running == []
 
 
-def test_without_prefect_the_same_comes_out(first_run: FirstRun, direct_run: FirstRun) -> None:
+def test_without_prefect_the_same_comes_out(first_run: FirstRun, direct_run: DirectRun) -> None:
     """Every row of results but times and names of groups; and the same words."""
-    (sandbox, done), (other, alone) = first_run, direct_run
+    (sandbox, done), other = first_run, direct_run.sandbox
+    alone = next(one for one in direct_run.both if one.returncode == 0)
     assert not (other.home / "prefect").exists()
     assert contents(sandbox) == contents(other)
     assert done.stdout.splitlines()[-1] == alone.stdout.splitlines()[-1]
@@ -182,98 +261,82 @@ def test_logs_carry_burst_and_run(first_run: FirstRun) -> None:
     published = [line for line in lines if line["event"] == "published"]
     assert {line["edge"] for line in published} == {"gauss_hermite", "half_maximum", "half_rise", "shared_profile"}
     assert {line["burst_id"] for line in published} == {BURST}
-    assert len({line["run_id"] for line in lines}) == 1
+    of_runs = [line for line in lines if line["event"] != "catalogue upgraded"]  # which comes before there is a run
+    assert len({line["run_id"] for line in of_runs}) == 1
 
 
-def test_second_run_changes_nothing(first_run: FirstRun) -> None:
+def test_second_run_changes_nothing_and_draws_what_a_killed_run_did_not(first_run: FirstRun) -> None:
     sandbox, _ = first_run
     before, groups = rows_of(sandbox), groups_of(sandbox)
-    done = sandbox.bella("run", "--direct", "--json")
-    assert [row["new"] for row in json.loads(done.stdout)] == [False] * 4
-    assert rows_of(sandbox) == before
-    assert groups_of(sandbox) == groups
-
-
-def test_figure_that_a_killed_run_did_not_draw_is_drawn_by_the_next(first_run: FirstRun) -> None:
-    sandbox, _ = first_run
     constellation, spectra = (
         sandbox.home / "figures" / BURST / name for name in ("constellation-posterior-default.png", "spectra.png")
     )
     spectra.unlink()
     os.utime(constellation, (0, 0))
-    sandbox.bella("run", "--direct")
+    done = sandbox.bella("run", "--direct", "--json")
+    assert [row["new"] for row in json.loads(done.stdout)] == [False] * 4
+    assert rows_of(sandbox) == before
+    assert groups_of(sandbox) == groups
     assert spectra.is_file()
     assert constellation.stat().st_mtime > 0
 
 
-def test_other_preset_is_another_series_and_leaves_the_answer_as_it_was(direct_run: FirstRun, tmp_path: Path) -> None:
-    sandbox = Sandbox.within(tmp_path)
-    shutil.copytree(direct_run[0].home, sandbox.home)
-    before = rows_of(sandbox)
-    answer = sandbox.bella("catalogue", "list", "--json").stdout
-    figures = sandbox.home / "figures" / BURST
-    kept = (figures / "constellation-posterior-default.png").read_bytes()
-    done = sandbox.bella("run", "--direct", "--preset", "bella-2024", "--json")
-    assert (figures / "constellation-posterior-bella-2024.png").read_bytes() != kept
-    assert (figures / "constellation-posterior-default.png").read_bytes() == kept
-    rows = json.loads(done.stdout)
+def test_killed_run_leaves_nothing_visible(as_published: AsPublished) -> None:
+    """Killed after a posterior has its final name, before the commit that would make it visible."""
+    assert as_published.killed.returncode == -9, as_published.killed.stderr
+    (left,) = set(as_published.groups_after_kill) - set(groups_of(as_published.before))
+    assert "posterior" in left
+    assert as_published.rows_after_kill == rows_of(as_published.before)
+
+
+def test_run_after_a_killed_one_finishes_another_series_and_leaves_the_answer_as_it_was(
+    as_published: AsPublished,
+) -> None:
+    was, now = as_published.before, as_published.sandbox
+    rows = json.loads(as_published.done.stdout)
     assert [(row["new"], row["preferred"]) for row in rows] == [(True, False)] * 4
-    after = rows_of(sandbox)
+    figures, kept = (one.home / "figures" / BURST for one in (now, was))
+    ours = (kept / "constellation-posterior-default.png").read_bytes()
+    assert (figures / "constellation-posterior-bella-2024.png").read_bytes() != ours
+    assert (figures / "constellation-posterior-default.png").read_bytes() == ours
+    before, after = rows_of(was), rows_of(now)
     assert set(before["solution"]) < set(after["solution"])
     assert after["preference"] == before["preference"]
-    (was,), (now,) = json.loads(answer), json.loads(sandbox.bella("catalogue", "list", "--json").stdout)
-    assert now | {"solutions": []} == was | {"solutions": []}
-    with closing(catalogue_of(sandbox)) as catalogue:
-        assert {one.version for one in catalogue.versions(BURST)} == {1}
-
-
-def test_killed_run_leaves_nothing_visible_and_the_next_one_finishes(sandbox: Sandbox) -> None:
-    """Killed after the first posterior has its final name, before the commit that would make it visible."""
-    script = (
-        "import os, signal, bella.pipeline.publication as publication\n"
-        "place = publication.place_group\n"
-        "def placed_then_killed(staged, root, name):\n"
-        "    path = place(staged, root, name)\n"
-        "    if 'posterior' in name:\n"
-        "        os.kill(os.getpid(), signal.SIGKILL)\n"
-        "    return path\n"
-        "publication.place_group = placed_then_killed\n"
-        "import sys; sys.argv = ['bella', 'run']\n"
-        "from bella.cli import main; main()\n"
-    )
-    killed = sandbox.run(str(Path(BELLA).with_name("python")), "-c", script, code=None)
-    assert killed.returncode == -9, killed.stderr
-    assert len(groups_of(sandbox)) == 2, "spectra and one posterior were in place"
-    assert rows_of(sandbox)["solution"] == []
-    sandbox.bella("run", "--direct")
-    with closing(catalogue_of(sandbox)) as catalogue:
-        assert {(one.series.edge, one.version) for one in catalogue.versions(BURST)} == {
-            ("gauss_hermite", 1),
-            ("half_maximum", 1),
-            ("half_rise", 1),
-            ("shared_profile", 1),
-        }
-
-
-def test_two_runs_at_once_end_with_one_result(sandbox: Sandbox) -> None:
-    command = [BELLA, "run", "--direct"]
-    runs = [
-        subprocess.Popen(command, env=sandbox.environment, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE)
-        for _ in range(2)
+    (answer,), (same,) = (json.loads(one.bella("catalogue", "list", "--json").stdout) for one in (was, now))
+    assert same | {"solutions": []} == answer | {"solutions": []}
+    with closing(catalogue_of(now)) as catalogue:
+        found = catalogue.versions(BURST)
+    assert sorted((one.series.preset, one.series.edge, one.version) for one in found) == [
+        (preset, edge, 1)
+        for preset in ("bella-2024", "default")
+        for edge in ("gauss_hermite", "half_maximum", "half_rise", "shared_profile")
     ]
-    ends = [(run.communicate(timeout=TIMEOUT_S)[1].decode(), run.returncode) for run in runs]
-    assert 0 in {code for _, code in ends}
-    for stderr, code in ends:
-        assert code == 0 or (code == 1 and "is being done by" in stderr), stderr
-        assert "Traceback" not in stderr
-    with closing(catalogue_of(sandbox)) as catalogue:
+
+
+def test_two_runs_at_once_end_with_one_result(direct_run: DirectRun) -> None:
+    assert 0 in {one.returncode for one in direct_run.both}
+    for one in direct_run.both:
+        assert one.returncode == 0 or (one.returncode == 1 and "is being done by" in one.stderr), one.stderr
+        assert "Traceback" not in one.stderr
+    with closing(catalogue_of(direct_run.sandbox)) as catalogue:
         assert [one.version for one in catalogue.versions(BURST)] == [1] * 4
         assert [one.series.edge for one in catalogue.versions(BURST) if one.preferred] == ["shared_profile"]
 
 
-def test_damage_in_the_store_is_named(direct_run: FirstRun, tmp_path: Path) -> None:
+def test_measured_wind_reaches_the_solution_and_its_figure(first_run: FirstRun, reference_files: Path) -> None:
+    sandbox, _ = first_run
+    with closing(catalogue_of(sandbox)) as catalogue:
+        solution = next(one for one in catalogue.versions(BURST) if one.series.edge == "gauss_hermite")
+        track = catalogue.track_fit(solution.solution_id)
+    rmse = {one["observatory"]: one["rmse_km_s"] for one in track["companions"]["wind"]["observatories"]}
+    assert rmse == pytest.approx({"WIND": 64, "STEREO-A": 127, "STEREO-B": 124}, abs=5)
+    assert Settings(home=sandbox.home).fit_figure(BURST, solution.solution_id, "wind").is_file()
+    assert "set BELLA_REGIONS" in track["companions"]["footpoint"]["regions"]["reason"]
+
+
+def test_damage_in_the_store_is_named(direct_run: DirectRun, tmp_path: Path) -> None:
     sandbox = Sandbox.within(tmp_path)
-    shutil.copytree(direct_run[0].home, sandbox.home)
+    shutil.copytree(direct_run.sandbox.home, sandbox.home)
     assert "5 groups" in sandbox.bella("store", "verify").stdout
     with closing(catalogue_of(sandbox)) as catalogue:
         posterior, *_ = (one.store_path for one in catalogue.stored_groups() if one.sha256)

@@ -200,7 +200,7 @@ def test_tfcat_draws_the_edge_of_a_burst_as_a_line_upward_in_frequency() -> None
 def test_tfcat_of_several_spacecraft_asks_for_one(detections: RecordTable) -> None:
     with pytest.raises(InputError, match=r"WIND, STEREO-A.*observatory="):
         FORMATS["tfcat"].write(detections)
-    with pytest.raises(InputError, match="detections and arrivals only"):
+    with pytest.raises(InputError, match="detections, arrivals, events only"):
         FORMATS["tfcat"].write(record_table(SCHEMAS["tracks"], []))
 
 

@@ -27,6 +27,7 @@ from bella.pipeline.alerts import Delivered, _is_public, check_address, deliver_
 from bella.records import Origin
 from bella.settings import Settings
 from tests.catalogue.examples import burst, publication
+from tests.waiting import until
 
 START = datetime.now(UTC)
 
@@ -321,10 +322,10 @@ def test_waits_double_up_to_half_an_hour() -> None:
 def test_alerts_are_sent_beside_other_work_until_it_ends(service: Service, receiver: Receiver) -> None:
     with delivering(service.settings, 0.05):
         service.publish("h1")
-        _until(lambda: receiver.sequences == [1])
+        until(lambda: receiver.sequences == [1])
         receiver.answer = lambda _: 400
         service.publish("h1", "T3-other")
-        _until(lambda: len(receiver.seen) == 2)
+        until(lambda: len(receiver.seen) == 2)
     service.publish("h2")
     assert not [one for one in threading.enumerate() if one.name == "alerts"]
     assert receiver.sequences == [1]
@@ -343,15 +344,7 @@ def test_follow_sends_alerts_where_nothing_is_fetched(service: Service, receiver
     bella = str(Path(sys.executable).with_name("bella"))
     with subprocess.Popen([bella, "fetch", "--follow"], env=environment) as process:
         try:
-            _until(lambda: receiver.sequences == [1])
+            until(lambda: receiver.sequences == [1])
         finally:
             process.terminate()
     assert process.returncode == 0
-
-
-def _until(is_so: Callable[[], bool]) -> None:
-    for _ in range(3000):
-        if is_so():
-            return
-        threading.Event().wait(0.02)
-    raise AssertionError("it did not come to be")

@@ -4,7 +4,6 @@ import os
 import signal
 import socket
 import subprocess
-import time
 from collections.abc import Iterator
 from contextlib import ExitStack, closing
 from datetime import UTC, date, datetime, timedelta
@@ -25,6 +24,7 @@ from bella.spacecraft.horizons import HORIZONS_IDS
 from tests.archive.server import Server, cdf, path_of, status, visible
 from tests.commands import BELLA
 from tests.spacecraft.horizons_server import horizons, vectors
+from tests.waiting import PATIENCE_S, until
 
 NOW = datetime(2026, 11, 28, 12, tzinfo=UTC)
 DAY, HOUR = timedelta(days=1), timedelta(hours=1)
@@ -226,12 +226,10 @@ def test_follow_survives_outages_and_ends_when_it_is_told_to(world: World, tmp_p
     }
     with (tmp_path / "log").open("wb") as log:
         process = subprocess.Popen([BELLA, "fetch", "--follow"], env=environment, stdout=log, stderr=log)
-    deadline = time.monotonic() + 120
-    while b'"round"' not in (tmp_path / "log").read_bytes() and time.monotonic() < deadline:
-        assert process.poll() is None, (tmp_path / "log").read_text()
-        time.sleep(0.1)
+    until(lambda: b'"round"' in (tmp_path / "log").read_bytes() or process.poll() is not None)
+    assert process.poll() is None, (tmp_path / "log").read_text()
     process.send_signal(signal.SIGTERM)
-    assert process.wait(30) == 0, (tmp_path / "log").read_text()
+    assert process.wait(PATIENCE_S) == 0, (tmp_path / "log").read_text()
     known = world.freshness()
     assert known[EPHEMERIS].state == "silent"
     assert "STEREO_LEVEL2_SWAVES" in known

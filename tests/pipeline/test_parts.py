@@ -33,6 +33,7 @@ from bella.pipeline.workers import prepare
 from bella.records import Origin
 from bella.settings import Settings
 from bella.tracks.spiral import track_fit
+from tests.pipeline.examples import built_in_event
 
 SERIES = Series("half_maximum", "posterior", "default", 2)
 UNKNOWN = surroundings_of(datetime(2012, 6, 7, 19, 20, tzinfo=UTC), Settings(in_situ=None, regions=None))
@@ -45,7 +46,7 @@ def located() -> Any:
 
 
 def test_inputs_hash_changes_with_everything_a_solution_depends_on(located: Any) -> None:
-    sources = load_burst(EVENT.name, Path("nowhere")).sources
+    sources = built_in_event().sources
     settings, timing = Settings(), Timing(located, located)
     directions = pd.DataFrame({"observatory": ["WIND"], "frequency_mhz": [0.5], "longitude_deg": [170.0]})
     same = inputs_hash(timing, sources, SERIES, settings)
@@ -67,7 +68,7 @@ def test_inputs_hash_changes_with_everything_a_solution_depends_on(located: Any)
 
 
 def test_built_in_event_names_its_inputs() -> None:
-    given = load_burst(EVENT.name, Path("nowhere"))
+    given = built_in_event()
     assert given.burst.burst_id == "T3-20120607-1929"
     assert set(given.arrivals) == {"gauss_hermite", "half_maximum", "half_rise", "shared_profile"}
     assert given.spectra is not None
@@ -100,8 +101,8 @@ def test_submission_that_was_changed_is_refused(tmp_path: Path) -> None:
 
 def test_track_of_a_solution_holds_every_method_and_its_draws_reach_the_store(tmp_path: Path) -> None:
     settings = Settings(home=tmp_path, draws=500)
-    arrivals = locate_receivers(half_maximum_arrivals())
-    given = load_burst(EVENT.name, Path("nowhere"))
+    arrivals = locate_receivers(half_maximum_arrivals(np.geomspace(0.15, 2.0, 40)))
+    given = built_in_event()
     track, posterior = fitted_track(localise(arrivals, draws=200), Timing(arrivals), SERIES, settings, UNKNOWN)
     assert track["joint"]["times"] > 100
     assert track["joint"]["rotation_period_d"] == track["rotation_period_d"] == 24.47
@@ -145,7 +146,7 @@ def test_only_expected_errors_of_a_companion_are_recorded(error: Exception) -> N
 
 
 def test_light_curves_of_the_built_in_event_are_carried_on_their_shared_profile() -> None:
-    given = load_burst(EVENT.name, Path("nowhere"))
+    given = built_in_event()
     assert given.collapsed is not None
     assert set(given.collapsed["observatory"]) == set(EVENT.observatories)
     near = given.collapsed[given.collapsed["widths"].abs() < 0.2]
@@ -155,7 +156,7 @@ def test_light_curves_of_the_built_in_event_are_carried_on_their_shared_profile(
 def test_burst_of_one_frequency_is_published_without_a_spiral(tmp_path: Path, located: Any) -> None:
     """Positions are worth having where there are too few of them for a track."""
     settings = Settings(home=tmp_path, draws=200)
-    given = load_burst(EVENT.name, Path("nowhere"))
+    given = built_in_event()
     alone = located[located["frequency_mhz"] == 1.0]
     posterior = localise(alone, draws=settings.draws)
     with closing(Catalogue.open(settings.catalogue_url, create=True)) as catalogue:

@@ -14,18 +14,16 @@ import pytest
 import xarray as xr
 
 from bella.arrivals import locate_receivers
-from bella.bursts import EVENT, half_maximum_arrivals
+from bella.bursts import half_maximum_arrivals
 from bella.catalogue import Catalogue, Series, Solution
 from bella.multilateration import localise
 from bella.pipeline.day_files import DayFiles, with_surroundings
-from bella.pipeline.inputs import load_burst
 from bella.pipeline.publication import Draft, inputs_hash, publish
 from bella.pipeline.surroundings import day_digest, draw_wind, has_wind, surroundings_of
 from bella.pipeline.tracks import Timing, fitted_track
 from bella.records import MeasuredWind
 from bella.settings import Settings
-from tests.commands import BELLA, Sandbox
-from tests.solar_wind.in_situ import lists_of
+from tests.pipeline.examples import built_in_event
 from tests.solar_wind.test_context import HOLES, SUMMARY
 from tests.solar_wind.test_folder import hours
 
@@ -61,20 +59,20 @@ Published = tuple[Solution, dict[str, Any], bool]
 def published(localised: tuple[pd.DataFrame, xr.Dataset], settings: Settings) -> Published:
     """Publish the burst as a run does, unless the same inputs were published; and whether it is new."""
     arrivals, posterior = localised
-    given, around = load_burst(EVENT.name, Path("nowhere")), surroundings_of(START, settings)
+    given, around = built_in_event(), surroundings_of(START, settings)
     sources, checksum = (*given.sources, *around.sources()), checksum_of(localised, settings)
     with closing(Catalogue.open(settings.catalogue_url, create=True)) as catalogue:
         same = catalogue.find_solution(given.burst.burst_id, SERIES, checksum, "0.2.0")
         if same is not None:
             return same, catalogue.track_fit(same.solution_id), False
-        track, drawn = fitted_track(posterior, Timing(arrivals), SERIES, settings, around)
+        track, drawn = fitted_track(posterior, Timing(arrivals, compared=False), SERIES, settings, around)
         solution = publish(Draft(given.burst, SERIES, checksum, drawn, track, sources), catalogue, settings)
         assert catalogue.sources(solution.solution_id) == sources
         return solution, catalogue.track_fit(solution.solution_id), True
 
 
 def checksum_of(localised: tuple[pd.DataFrame, xr.Dataset], settings: Settings) -> str:
-    sources = (*load_burst(EVENT.name, Path("nowhere")).sources, *surroundings_of(START, settings).sources())
+    sources = (*built_in_event().sources, *surroundings_of(START, settings).sources())
     return inputs_hash(Timing(localised[0]), sources, SERIES, settings)
 
 
@@ -143,7 +141,7 @@ def test_nothing_measured_is_said_and_stops_nothing(
         poor = settings.model_copy(update={"in_situ": tmp_path / name, "regions": tmp_path / name})
         around = surroundings_of(START, poor)
         assert around.sources() == ()
-        track, _ = fitted_track(localised[1], Timing(localised[0]), SERIES, poor, around)
+        track, _ = fitted_track(localised[1], Timing(localised[0], compared=False), SERIES, poor, around)
         wind, foot = track["companions"]["wind"], track["companions"]["footpoint"]
         assert wind == {"flags": ["not_computed"], "reason": wind["reason"]}
         assert reason in wind["reason"]
@@ -155,7 +153,7 @@ def test_nothing_measured_is_said_and_stops_nothing(
 def test_too_few_hours_are_no_wind(localised: tuple[pd.DataFrame, xr.Dataset], tmp_path: Path) -> None:
     (tmp_path / "omni.lst").write_text("2012 159 19 649\n")
     around = surroundings_of(START, Settings(in_situ=tmp_path))
-    track, _ = fitted_track(localised[1], Timing(localised[0]), SERIES, Settings(draws=200), around)
+    track, _ = fitted_track(localised[1], Timing(localised[0], compared=False), SERIES, Settings(draws=200), around)
     assert "at least 24 are needed" in track["companions"]["wind"]["reason"]
     assert track["companions"]["footpoint"]["connections"][0]["v_sw_km_s"] == 649.0
 
@@ -170,22 +168,6 @@ def test_a_day_is_done_again_when_its_wind_is_new(settings: Settings, tmp_path: 
     assert with_surroundings(later, settings).inputs_hash == later.inputs_hash, "nothing is known of October"
     hours(tmp_path / "in-situ" / "wind-2.lst", 300.0)
     assert with_surroundings(files, settings).inputs_hash != before
-
-
-def test_run_of_the_published_burst_with_its_wind(sandbox: Sandbox, tmp_path: Path, reference_files: Path) -> None:
-    folder = tmp_path / "in-situ"
-    folder.mkdir()
-    lists_of(folder, reference_files)
-
-    sandbox.run(BELLA, "run", "--direct", BELLA_IN_SITU=str(folder))
-
-    with closing(Catalogue.open(f"sqlite:///{sandbox.home / 'catalogue.sqlite'}")) as catalogue:
-        solution = next(one for one in catalogue.versions(EVENT.burst_id) if one.series.edge == "gauss_hermite")
-        track = catalogue.track_fit(solution.solution_id)
-    rmse = {one["observatory"]: one["rmse_km_s"] for one in track["companions"]["wind"]["observatories"]}
-    assert rmse == pytest.approx({"WIND": 64, "STEREO-A": 127, "STEREO-B": 124}, abs=5)
-    assert Settings(home=sandbox.home).fit_figure(EVENT.burst_id, solution.solution_id, "wind").is_file()
-    assert "set BELLA_REGIONS" in track["companions"]["footpoint"]["regions"]["reason"]
 
 
 def test_a_day_has_a_checksum_whatever_is_in_its_folders(settings: Settings) -> None:

@@ -5,7 +5,6 @@ import os
 import signal
 import subprocess
 import sys
-import time
 from pathlib import Path
 
 import pytest
@@ -13,6 +12,7 @@ import pytest
 from bella.exceptions import NoDataError, WorkerLostError
 from bella.pipeline.workers import Workers
 from bella.settings import Settings
+from tests.waiting import until
 
 
 def square(number: int) -> int:
@@ -67,10 +67,7 @@ def test_workers_end_with_the_process_that_started_them(tmp_path: Path) -> None:
     parent.kill()
     parent.wait()
     parent.stdout.close()
-    until = time.monotonic() + 120
-    while worker.is_dir() and "State:\tZ" not in (worker / "status").read_text():
-        assert time.monotonic() < until
-        time.sleep(0.1)
+    until(lambda: not worker.is_dir() or "State:\tZ" in (worker / "status").read_text())
 
 
 WATCH = """

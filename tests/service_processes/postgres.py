@@ -19,12 +19,12 @@ from sqlalchemy import make_url
 
 from tests.fixtures_postgres import postgres_server
 from tests.service_processes.compose import services
-from tests.service_processes.processes import free_port, until
+from tests.service_processes.processes import free_port
+from tests.waiting import PATIENCE_S, until
 
 INSTALLED = Path("/usr/lib/postgresql")
 EXTENSIONS = "/usr/share/postgresql/{version}/extension/pg_trgm.control"
 PASSWORD = "aPasswordOfATest"
-PATIENCE_S = 60.0
 
 
 @dataclass(frozen=True)
@@ -93,7 +93,7 @@ def _system_server(programs: Path) -> Iterator[int]:
     settings = [f"--{name}={value}" for name, value in options.items()]
     server = _start([programs / "postgres", "-D", folder / "data", *settings], folder, account)
     try:
-        until(lambda: _answers(port) or server.poll() is not None, PATIENCE_S, "PostgreSQL answers")
+        until(lambda: _answers(port) or server.poll() is not None, "PostgreSQL answers")
         _make_databases(port, folder / "log")
         yield port
     finally:

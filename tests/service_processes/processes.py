@@ -4,12 +4,13 @@ import os
 import signal
 import socket
 import subprocess
-import time
 import uuid
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
+
+from tests.waiting import until
 
 TOKEN = "BELLA_TEST_TOKEN"
 LOG_LINES_SHOWN = 40
@@ -19,14 +20,6 @@ def free_port() -> int:
     with socket.socket() as probe:
         probe.bind(("127.0.0.1", 0))
         return int(probe.getsockname()[1])
-
-
-def until(condition: Callable[[], object], patience_s: float, what: str) -> None:
-    """Wait for a condition; AssertionError where it does not come."""
-    end = time.monotonic() + patience_s
-    while not condition():
-        assert time.monotonic() < end, f"not within {patience_s:g} s: {what}"
-        time.sleep(0.05)
 
 
 @dataclass
@@ -63,7 +56,7 @@ class Processes:
         with suppress(ProcessLookupError):
             os.killpg(process.pid, signal.SIGKILL)
         process.wait()
-        until(lambda: group_is_empty(process.pid), 10, f"all processes of {name} gone")
+        until(lambda: group_is_empty(process.pid), f"all processes of {name} gone")
 
     def is_up(self, name: str) -> bool:
         return self.running[name].poll() is None

@@ -14,6 +14,7 @@ from bella.exceptions import InputError, NoDataError
 from bella.spacecraft import BODIES, OBSERVATORIES, coverage, fleet, missing_from_fleet, position, position_hee
 from bella.spacecraft.ephemeris import _ecliptic_km
 from bella.units import AU_RSUN, R_SUN_KM
+from tests.waiting import PATIENCE_S
 
 BURST = np.datetime64("2012-06-07T19:30", "ns")
 RANGE_AU = {
@@ -161,7 +162,7 @@ def test_no_instants_give_no_positions() -> None:
 def test_a_position_does_not_cost_the_import_of_sunpy() -> None:
     code = "import sys, bella.spacecraft as s; s.fleet('2012-06-07'); sys.exit('sunpy' in sys.modules)"
 
-    assert run([sys.executable, "-c", code], check=False, timeout=120).returncode == 0
+    assert run([sys.executable, "-c", code], check=False, timeout=PATIENCE_S).returncode == 0
 
 
 def test_advice_after_the_end_of_a_table_is_what_can_be_done() -> None:

@@ -1,0 +1,58 @@
+"""Events that others published (flares, CMEs, particle events, radio bursts), and which are near to a burst."""
+
+from typing import Annotated
+
+from fastapi import APIRouter, Query, Request, Response
+
+from api.event_section import (
+    NEAR,
+    NO_LISTS,
+    BurstEventsReply,
+    EventsReply,
+    LinkedEventReply,
+    ListedEventReply,
+    lists_of,
+)
+from api.service import CatalogueHere
+from api.tables import JSON, EventTableFilter, asked_format, table_of_rows, table_reply
+from bella.formats import EVENTS
+from bella.pipeline.rows import event_rows
+
+router = APIRouter(prefix="/api/v1", tags=["events"])
+
+
+@router.get("/events", response_model=EventsReply)
+def events(
+    request: Request, response: Response, catalogue: CatalogueHere, wanted: Annotated[EventTableFilter, Query()]
+) -> EventsReply | Response:
+    """Published events with the bursts that they are near to; as a table also with where these bursts were.
+
+    `kind=radio&format=tfcat` (or `csv`) gives the ids of radio catalogues back with positions.
+    """
+    chosen, page = asked_format(request, wanted.format), catalogue.events.events(wanted.query())
+    following = str(request.url.include_query_params(cursor=page.next_cursor)) if page.next_cursor else None
+    if chosen is not JSON:
+        rows = (row for one in page.events for row in event_rows(catalogue, one))
+        return table_reply(chosen, table_of_rows(EVENTS, rows, near=NEAR), "events", following)
+    response.headers["Vary"] = "Accept"
+    return EventsReply(
+        events=[ListedEventReply.listed(one) for one in page.events],
+        total=page.total,
+        returned=len(page.events),
+        truncated=following is not None,
+        next=following,
+        lists=lists_of(catalogue),
+    )
+
+
+@router.get("/bursts/{burst_id}/events")
+def burst_events(burst_id: str, catalogue: CatalogueHere) -> BurstEventsReply:
+    """Published events near a burst in time."""
+    catalogue.burst(burst_id)
+    lists = lists_of(catalogue)
+    return BurstEventsReply(
+        burst_id=burst_id,
+        events=[LinkedEventReply.near(one) for one in catalogue.events.of_burst(burst_id)],
+        lists=lists,
+        remark=NEAR if lists else NO_LISTS,
+    )

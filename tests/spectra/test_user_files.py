@@ -1,0 +1,261 @@
+"""netCDF and Zarr as people write them: read as what they mean, or refused in a line that says what to change."""
+
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+import xarray as xr
+
+from bella.exceptions import InputError
+from bella.spectra import fleet_pieces, open_spectra, sample_times, user_days
+
+RANDOM = np.random.default_rng(20120607)
+SECOND = np.timedelta64(10**9, "ns")
+TIME = np.datetime64("2012-06-07T00:00:30", "ns") + np.arange(200) * 60 * SECOND
+MHZ = np.geomspace(0.2, 12.0, 8)
+DECIBEL = RANDOM.normal(0.0, 1.0, (200, 8)).astype(np.float32)
+ISO = [str(one)[:19] for one in TIME]
+
+Change = Callable[[xr.Dataset], xr.Dataset]
+
+
+def spectrum() -> xr.Dataset:
+    return xr.Dataset(
+        {"intensity": (("time", "frequency"), DECIBEL.copy())},
+        coords={"time": TIME, "frequency": MHZ},
+        attrs={"observatory": "STEREO A", "receiver": "X", "quantity": "db_over_background"},
+    )
+
+
+def written(folder: Path, change: Change, name: str = "mine.nc") -> Path:
+    change(spectrum()).to_netcdf(folder / name, engine="h5netcdf")
+    return folder / name
+
+
+def raw_times(values: object, **attributes: str) -> Change:
+    return lambda one: one.drop_vars("time").assign_coords(time=("time", np.asarray(values), attributes))
+
+
+def frequencies(values: np.ndarray, unit: str | None) -> Change:
+    return lambda one: one.assign_coords(frequency=("frequency", values, {} if unit is None else {"units": unit}))
+
+
+def intensity(values: np.ndarray, **attributes: object) -> Change:
+    return lambda one: one.assign(intensity=(("time", "frequency"), values, attributes))
+
+
+def with_twin(one: xr.Dataset) -> xr.Dataset:
+    """A record twice, first without data."""
+    empty = one.isel(time=[20]).copy(deep=True)
+    empty["intensity"][:] = np.nan
+    return xr.concat([one.isel(time=slice(0, 20)), empty, one.isel(time=slice(20, None))], "time")
+
+
+SECONDS = (TIME - np.datetime64("2012-06-07")) / SECOND
+SAME: dict[str, Change] = {
+    "hours": raw_times(SECONDS / 3600.0, units="hours since 2012-06-07"),
+    "gregorian": raw_times(SECONDS, units="seconds since 2012-06-07", calendar="gregorian"),
+    "offset from UTC": raw_times(SECONDS + 7200.0, units="seconds since 2012-06-07T00:00:00+02:00"),
+    "text": raw_times(np.array(ISO, dtype=object)),
+    "text in bytes": raw_times(np.array(ISO, dtype="S19")),
+    "text with Z": raw_times(np.array([f"{one}Z" for one in ISO], dtype=object)),
+    "text with offset": raw_times(
+        np.array([f"{one + 2 * 3600 * SECOND}"[:19] + "+02:00" for one in TIME], dtype=object)
+    ),
+    "Hz": frequencies(MHZ * 1e6, "Hz"),
+    "kilohertz": frequencies(MHZ * 1e3, "kilohertz"),
+    "KHZ": frequencies(MHZ * 1e3, "KHZ "),
+    "no unit": frequencies(MHZ, None),
+    "late first": lambda one: one.isel(time=slice(None, None, -1)),
+    "high first": lambda one: one.isel(frequency=slice(None, None, -1)),
+    "shuffled": lambda one: one.isel(time=RANDOM.permutation(200)),
+    "twins": with_twin,
+    "frequency first": lambda one: one.transpose("frequency", "time"),
+    "axis of one": lambda one: one.assign(intensity=one["intensity"].expand_dims("polarisation")),
+    "Title Case": lambda one: one.rename(time="Time", frequency="Frequency", intensity="Intensity"),
+    "UPPER": lambda one: one.rename(time="TIME", frequency="FREQ", intensity="INTENSITY"),
+    "blanks": lambda one: one.rename(time="time ", frequency=" frequency", intensity="intensity "),
+    "other dimensions": lambda one: one.rename_dims(time="x", frequency="y"),
+    "variables": lambda one: one.rename_dims(time="x", frequency="y").reset_coords(),
+    "attributes": lambda one: xr.Dataset(one.variables, attrs={k.upper(): v for k, v in one.attrs.items()}),
+    "float64": intensity(DECIBEL.astype(np.float64)),
+}
+
+
+@pytest.mark.parametrize("change", SAME.values(), ids=SAME.keys())
+def test_ways_to_write_the_same_spectrum(tmp_path: Path, change: Change) -> None:
+    (read,) = open_spectra(written(tmp_path, change))
+
+    assert read.attrs["observatory"] == "STEREO-A"
+    assert read["intensity"].dims == ("time", "frequency")
+    np.testing.assert_allclose((read["time"].to_numpy() - TIME) / SECOND, 0.0, atol=1e-6)
+    np.testing.assert_allclose(read["frequency"], MHZ, rtol=1e-12)
+    np.testing.assert_array_equal(read["intensity"], DECIBEL)
+
+
+FILLS: list[tuple[float, str | None]] = [(-1e31, "_FillValue"), (-9999.0, "missing_value"), (-500.0, "valid_min")]
+FILLS += [(one, None) for one in (-9999.0, -1e31, 9.96921e36, np.inf, -np.inf)]
+
+
+@pytest.mark.parametrize(("fill", "attribute"), FILLS)
+def test_fill_values_are_no_data(tmp_path: Path, fill: float, attribute: str | None) -> None:
+    values = DECIBEL.copy()
+    values[5:9] = fill
+    said = {} if attribute is None else {attribute: np.float32(-100.0 if attribute == "valid_min" else fill)}
+
+    (read,) = open_spectra(written(tmp_path, intensity(values, **said)))
+
+    np.testing.assert_array_equal(
+        np.isnan(read["intensity"]).all("frequency"), (np.arange(200) >= 5) & (np.arange(200) < 9)
+    )
+    assert int(np.isnan(read["intensity"]).sum()) == 4 * 8
+
+
+FAR = TIME[:, None] + np.where(np.arange(8) == 3, 10**11, 0).astype("timedelta64[s]")
+REFUSED: dict[str, tuple[Change, str]] = {
+    "noleap": (raw_times(SECONDS, units="seconds since 2012-06-07", calendar="noleap"), "calendar 'noleap': write UTC"),
+    "launch": (raw_times(SECONDS, units="seconds since launch"), "'seconds since launch'"),
+    "no time unit": (raw_times(SECONDS), "coordinate 'time' is float64: store UTC"),
+    "American": (raw_times(np.array(["06/07/2012"] * 200, dtype=object)), "'06/07/2012', which is no time"),
+    "1876": (lambda one: one.assign_coords(time=one["time"] - np.timedelta64(136 * 365, "D")), "correct its times"),
+    "metres": (frequencies(300.0 / MHZ, "m"), "is in 'm': convert it to MHz"),
+    "kHz without unit": (frequencies(MHZ * 1e3, None), "reaches 12000 and has no unit"),
+    "MHz called Hz": (frequencies(MHZ, "Hz"), "correct the unit"),
+    "path": (lambda one: one.assign_attrs(observatory="../x"), "give a plain name"),
+    "sample times far away": (
+        lambda one: one.assign(sample_time=(("time", "frequency"), FAR)),
+        "from the time of their",
+    ),
+    "offsets in ms": (lambda one: one.assign(sample_offset_s=("frequency", MHZ * 1e4)), "offsets in seconds"),
+}
+
+
+@pytest.mark.parametrize(("change", "reason"), REFUSED.values(), ids=REFUSED.keys())
+def test_what_cannot_be_meant_is_refused_in_a_line(tmp_path: Path, change: Change, reason: str) -> None:
+    with pytest.raises(InputError, match=r"mine\.nc") as refused:
+        open_spectra(written(tmp_path, change))
+
+    assert reason in str(refused.value)
+    assert "\n" not in str(refused.value)
+
+
+@pytest.mark.parametrize(("name", "is_read"), [("sta_20120607_to_20120609.nc", True), ("sta_20110607.nc", False)])
+def test_times_are_held_against_the_day_of_the_name(tmp_path: Path, name: str, is_read: bool) -> None:
+    path = written(tmp_path, lambda one: one, name)
+    if is_read:
+        assert open_spectra(path)
+    else:
+        with pytest.raises(InputError, match="named after 2011-06-07"):
+            open_spectra(path)
+
+
+@pytest.mark.parametrize("dims", [("time",), ("time", "frequency"), ("frequency", "time"), ("frequency",)])
+@pytest.mark.parametrize("name", ["interpolated", "INTERPOL_FLAG", "Interp Flag"])
+def test_flags_of_records_and_samples(tmp_path: Path, name: str, dims: tuple[str, ...]) -> None:
+    flag = RANDOM.random([{"time": 200, "frequency": 8}[dim] for dim in dims]) < 0.3
+
+    (read,) = open_spectra(written(tmp_path, lambda one: one.assign({name: (dims, flag.astype("u1"))})))
+
+    if dims == ("frequency",):
+        np.testing.assert_array_equal(read["interpolated"], flag)
+        return
+    expected = flag[:, None] if dims == ("time",) else flag if dims[0] == "time" else flag.T
+    np.testing.assert_array_equal(np.isnan(read["intensity"]), np.broadcast_to(expected, (200, 8)))
+
+
+def test_a_sample_without_a_time_has_that_of_its_record(tmp_path: Path) -> None:
+    times = TIME[:, None] + np.arange(8) * SECOND
+    times[7, 3] = np.datetime64("NaT")
+
+    (read,) = open_spectra(written(tmp_path, lambda one: one.assign(sample_time=(("time", "frequency"), times))))
+
+    assert sample_times(read).to_numpy()[7, 3] == TIME[7]
+
+
+@pytest.mark.parametrize(("unit", "factor"), [("km", 1.0), ("AU", 149_597_870.7), ("m", 1e-3), ("Rsun", 695_700.0)])
+def test_positions_may_be_in_other_units_and_stated_once(tmp_path: Path, unit: str, factor: float) -> None:
+    where = xr.DataArray(np.array([1.4e8, 2e7, 0.0]) / factor, dims="axis", attrs={"frame": "HEE ", "units": unit})
+
+    (read,) = open_spectra(written(tmp_path, lambda one: one.assign(position_km=where)))
+
+    np.testing.assert_allclose(read["position_km"], np.broadcast_to([1.4e8, 2e7, 0.0], (200, 3)))
+    assert read["position_km"].attrs["frame"] == "hee"
+
+
+# years apart
+
+
+def later(one: xr.Dataset, days: float) -> xr.Dataset:
+    return one.assign_coords(time=one["time"] + np.timedelta64(round(days * 86_400), "s"))
+
+
+def read_spectrum(folder: Path) -> xr.Dataset:
+    (read,) = open_spectra(written(folder, lambda one: one))
+    return read
+
+
+@pytest.mark.parametrize(("apart_days", "pieces"), [(0.5, 1), (0.99, 1), (1.5, 2), (3000, 2)])
+def test_a_fleet_is_cut_at_gaps_of_more_than_a_day(tmp_path: Path, apart_days: float, pieces: int) -> None:
+    one = read_spectrum(tmp_path)
+    other = later(one, apart_days + 199 / 1440)
+
+    for given in ([other, one], [xr.concat([one, other], "time", combine_attrs="override")]):
+        found, left_out = fleet_pieces(given)
+
+        assert len(found) == pieces
+        assert not left_out
+        assert sum(part.spectra["STEREO-A"].sizes["time"] for part in found) == 400
+
+
+def test_another_spacecraft_may_bridge_a_gap(tmp_path: Path) -> None:
+    one = read_spectrum(tmp_path)
+    bridge = later(one, 1.0).assign_attrs(observatory="WIND")
+
+    found, _ = fleet_pieces([one, later(one, 2.0), bridge])
+
+    assert [set(part.spectra) for part in found] == [{"STEREO-A", "WIND"}]
+
+
+def test_a_single_record_far_away_is_left_out_and_named(tmp_path: Path) -> None:
+    one = read_spectrum(tmp_path)
+    stray = xr.concat([one, later(one.isel(time=[0]), 900)], "time", combine_attrs="override")
+
+    found, left_out = fleet_pieces([stray])
+
+    assert len(found) == 1
+    assert left_out == ("mine.nc: a single record of 2014-11-24T00:00:30",)
+
+
+# folders
+
+
+def test_a_folder_says_what_it_does_not_read(tmp_path: Path) -> None:
+    written(tmp_path, lambda one: one, "spectrum.h5")
+    written(tmp_path, lambda one: later(one, 365), "without_ending")
+    (tmp_path / "callisto.fit").write_bytes(b"SIMPLE  =                    T")
+    (tmp_path / "day.dat").write_bytes(b"\x00\x01" * 40)
+    (tmp_path / "unknown").write_bytes(b"\x00\x01" * 40)
+    (tmp_path / "README.md").write_text("what this is")
+    (tmp_path / "plot.png").write_bytes(b"\x89PNG\r\n\x1a\n\x00\x00")
+    (tmp_path / "more").mkdir()
+    (tmp_path / "more" / "circle").symlink_to(tmp_path)
+
+    folder = user_days(tmp_path)
+
+    assert [day.isoformat() for day in folder.days] == ["2012-06-07", "2013-06-07"]
+    assert sorted(one.split(str(tmp_path) + "/")[1].split()[0] for one in folder.left_out) == [
+        "callisto.fit",
+        "day.dat",
+        "unknown",
+    ]
+    assert sorted(folder.others) == ["README.md", "plot.png"]
+
+
+def test_days_without_records_between_two_are_none(tmp_path: Path) -> None:
+    written(tmp_path, lambda one: xr.concat([one, later(one, 3000)], "time", combine_attrs="override"))
+
+    folder = user_days(tmp_path)
+
+    assert [day.isoformat() for day in folder.days] == ["2012-06-07", "2020-08-24"]
+    assert all(folder.read(day).spectra["STEREO-A"].sizes["time"] == 200 for day in folder.days)
