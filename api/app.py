@@ -10,18 +10,19 @@ from fastapi.staticfiles import StaticFiles
 
 from api.errors import DESCRIBED, install_error_handlers
 from api.headers import install_headers
+from api.pages import burst as burst_page
+from api.pages import bursts as list_page
+from api.pages import days, guide, submit
 from api.routers import (
     alerts,
     arrivals,
     bursts,
-    days,
     detections,
     events,
     figures,
     hapi,
     health,
     observability,
-    pages,
     quirks,
     solutions,
     status,
@@ -77,7 +78,10 @@ def create_app(settings: Settings | None = None) -> FastAPI:
         status,
         observability,
         days,
-        pages,
+        list_page,
+        burst_page,
+        guide,
+        submit,
     ):
         app.include_router(module.router)
     app.mount("/static", StaticFiles(directory=STATIC), name="static")

@@ -8,13 +8,13 @@ from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from api.freshness import Revalidated
 
-# plotly writes style attributes and draws heatmaps into data: images; scripts come from this service alone
+# scripts and styles come from this service alone; spectra are data: images inside of figures
 CONTENT_SECURITY_POLICY = "; ".join(
     [
         "default-src 'none'",
         "script-src 'self'",
-        "style-src 'self' 'unsafe-inline'",
-        "img-src 'self' data: blob:",
+        "style-src 'self'",
+        "img-src 'self' data:",
         "connect-src 'self'",
         "form-action 'self'",
         "base-uri 'none'",
@@ -30,7 +30,7 @@ ALWAYS = {
 
 
 class SecurityHeaders:
-    """Adds the headers of `ALWAYS` to each reply."""
+    """Adds the headers of `ALWAYS` to each reply that has none of its own."""
 
     def __init__(self, app: ASGIApp) -> None:
         self.app = app
@@ -40,7 +40,9 @@ class SecurityHeaders:
 
         async def _marked(message: Message) -> None:
             if message["type"] == "http.response.start":
-                MutableHeaders(scope=message).update(ALWAYS)
+                headers = MutableHeaders(scope=message)
+                for name, value in ALWAYS.items():
+                    headers.setdefault(name, value)
             await send(message)
 
         await self.app(scope, receive, _marked if scope["type"] == "http" else send)

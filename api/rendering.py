@@ -1,19 +1,22 @@
 """The pages' templates, and how numbers and times are written in them."""
 
 from collections.abc import Mapping
-from datetime import UTC, datetime
+from datetime import UTC, datetime, timedelta
 from functools import cache
 from pathlib import Path
 from typing import Any
+from urllib.parse import urlencode
 
 from fastapi import Request
 from fastapi.responses import HTMLResponse
-from jinja2 import Environment, FileSystemLoader, StrictUndefined
+from jinja2 import Environment, FileSystemLoader, StrictUndefined, pass_context
+from jinja2.runtime import Context
 
 from api.wording import answer_class, answer_words, flag_meaning, reason_words
 from bella import __version__
-from bella.answer import written_68, written_wind
-from bella.plotting import edge_name, plotly_version
+from bella.answer import interval_68, wind_gap, written_68, written_wind
+from bella.catalogue import Solution
+from bella.plotting import edge_name
 
 TEMPLATES = Path(__file__).parent / "templates"
 MINUS, DASH = "\N{MINUS SIGN}", "\N{EN DASH}"
@@ -44,24 +47,39 @@ def render(
     -------
     HTMLResponse
     """
-    text = _environment().get_template(template).render(path=request.url.path, status=status, **values)
+    text = (
+        environment()
+        .get_template(template)
+        .render(path=request.url.path, query=request.query_params.multi_items(), status=status, **values)
+    )
     return HTMLResponse(text, status, {"Cache-Control": "no-cache", **(headers or {})})
 
 
 @cache
-def _environment() -> Environment:
-    environment = Environment(
+def environment() -> Environment:
+    """Templates with their filters."""
+    made = Environment(
         loader=FileSystemLoader(TEMPLATES),
         autoescape=True,
         undefined=StrictUndefined,
         trim_blocks=True,
         lstrip_blocks=True,
     )
-    environment.filters.update(
+    made.filters.update(
         utc=written_time,
         day=written_day,
         clock=written_clock,
+        minute=written_minute,
+        sentence=written_sentence,
+        series_query=series_query,
+        changed=changed_query,
         interval=written_interval,
+        number=written_number,
+        middle=written_middle,
+        moment=written_moment,
+        two=written_two,
+        has_number=has_number,
+        wind_gap=wind_gap,
         wind=written_speed,
         edge=edge_name,
         meaning=flag_meaning,
@@ -69,8 +87,8 @@ def _environment() -> Environment:
         answer_words=answer_words,
         answer_class=answer_class,
     )
-    environment.globals.update(version=__version__, plotly_version=plotly_version())
-    return environment
+    made.globals.update(version=__version__)
+    return made
 
 
 def written_time(moment: datetime) -> str:
@@ -88,6 +106,31 @@ def written_clock(moment: datetime) -> str:
     return f"{_in_utc(moment):%H:%M:%S}"
 
 
+def written_minute(moment: datetime) -> str:
+    """Time of day as 19:29."""
+    return f"{_in_utc(moment):%H:%M}"
+
+
+def written_sentence(sentence: str) -> str:
+    """Answer of a solution without its grade, which pages show beside it, and with the sign of the Sun."""
+    return sentence.partition(", grade ")[0].replace("R_sun", "R\N{SUN}")
+
+
+def series_query(solution: Solution, *, with_version: bool = False) -> str:
+    """Query of an address that asks for the series of a solution, or for just this version of it."""
+    series = solution.series
+    asked: dict[str, Any] = {"edge": series.edge, "method": series.method, "preset": series.preset}
+    return urlencode(asked | ({"version": solution.version} if with_version else {}))
+
+
+@pass_context
+def changed_query(context: Context, values: Mapping[str, str]) -> str:
+    """Address of the page that is rendered with other values in its query; an empty one takes the name out."""
+    kept = [(name, value) for name, value in context["query"] if name not in values]
+    asked = urlencode([*kept, *((name, value) for name, value in values.items() if value)], safe=",:")
+    return f"?{asked}" if asked else str(context["path"])
+
+
 def written_interval(parameter: Mapping[str, Any] | None, digits: int = 1) -> str:
     """Fitted parameter as its median with the 68 % interval; a dash where there is no number."""
     return written_68(parameter, digits).replace("-", MINUS) or DASH
@@ -102,6 +145,34 @@ def written_speed(fit: Mapping[str, Any], unit: str = "") -> str:
 def written_number(value: float, digits: int = 0) -> str:
     """Number with so many decimals and a real minus sign."""
     return f"{value:.{digits}f}".replace("-", MINUS)
+
+
+def written_middle(parameter: Mapping[str, Any] | None, digits: int = 0) -> str:
+    """Median of a parameter; a dash where there is none."""
+    known = interval_68(parameter)
+    return written_number(known[0], digits) if known else DASH
+
+
+def written_moment(value: Mapping[str, Any] | None) -> str:
+    """Time of day with its 68 % interval; a dash where there is none."""
+    value = value or {}
+    middle, low, high = (value.get(name) for name in ("q50", "q16", "q84"))
+    if middle and low and high:
+        return f"{middle[11:19]} ({low[11:19]} to {high[11:19]})"
+    if not value.get("mean"):
+        return DASH
+    mean, sd = datetime.fromisoformat(value["mean"]), timedelta(seconds=value.get("sd") or 0.0)
+    return f"{mean:%H:%M:%S} ({mean - sd:%H:%M:%S} to {mean + sd:%H:%M:%S})"
+
+
+def written_two(value: float | None) -> str:
+    """Number with two significant digits; a dash where there is none."""
+    return DASH if value is None else f"{value:#.2g}".rstrip(".")
+
+
+def has_number(parameter: Mapping[str, Any] | None) -> bool:
+    """Whether a parameter has a median."""
+    return interval_68(parameter) is not None
 
 
 def _in_utc(moment: datetime) -> datetime:

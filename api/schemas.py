@@ -9,7 +9,7 @@ from urllib.parse import urlencode
 
 from pydantic import BaseModel, ConfigDict, Field
 
-from api.calibration_section import CalibrationReply, calibration_of
+from api.calibration import CalibrationReply, calibration_of
 from api.event_section import LinkedEventReply
 from api.wording import APPARENT_SOURCE
 from bella.catalogue import (

@@ -3,12 +3,7 @@
 from bella.flags import APPARENT_SOURCE, COMPANION_FLAGS, FLAGS
 from bella.records import DayAnswer
 
-__all__ = ["APPARENT_SOURCE", "EDGE_DECIDES", "flag_meaning"]
-
-EDGE_DECIDES = (
-    "The definition of the edge decides the track: each row is the same burst, timed at another point of its rise. "
-    "The difference between the rows is a systematic error that the error bars of one row do not hold."
-)
+__all__ = ["APPARENT_SOURCE", "flag_meaning"]
 
 
 def flag_meaning(flag: str) -> str:

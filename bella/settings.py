@@ -162,7 +162,7 @@ class Settings(BaseSettings):
     def day_figure(self, day: date, origin: Origin = Origin.ARCHIVE) -> Path:
         """File of the figure of a searched day in data of an origin, drawn again whenever it is searched again."""
         mark = "" if origin is Origin.ARCHIVE else f"-{origin}"
-        return self.figures_root / "days" / f"{day}{mark}.png"
+        return self.figures_root / "days" / f"{day}{mark}.svg"
 
     @property
     def mirror_root(self) -> Path:

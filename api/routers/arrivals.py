@@ -62,10 +62,7 @@ def submit(
 
     The same table of the same token is one submission, however often it is sent.
     """
-    table = parse_arrivals(_text(body))
-    _check_names(table)
-    _check_past(table)
-    _check_receivers(table)
+    table = check_table(_text(body))
     sha256 = hashlib.sha256(body).hexdigest()
     pending = {(one.token_id, one.sha256) for one in catalogue.pending_submissions()}
     if (submitter, sha256) not in pending and len(pending) >= service.settings.max_pending_submissions:
@@ -92,6 +89,21 @@ def withdraw(submission_id: str, catalogue: CatalogueHere, submitter: Submitter)
     if submitter == ANONYMOUS or catalogue.submission(submission_id).token_id != submitter:
         raise ForbiddenError(f"{submission_id} was not submitted with this token: send the one that submitted it")
     return SubmissionReply.of(catalogue.withdraw(submission_id))
+
+
+def check_table(text: str) -> pd.DataFrame:
+    """Arrival table of the text of a submission.
+
+    Raises
+    ------
+    InputError
+        Names the row and column that is wrong.
+    """
+    table = parse_arrivals(text)
+    _check_names(table)
+    _check_past(table)
+    _check_receivers(table)
+    return table
 
 
 def _check_names(table: pd.DataFrame) -> None:

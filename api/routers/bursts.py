@@ -30,7 +30,7 @@ from bella.catalogue import Catalogue, Localisation, Solution
 from bella.exceptions import NoDataError
 from bella.formats import localisation_csv
 from bella.plotting import edge_name, selected_regions
-from bella.plotting.listing import significant
+from bella.plotting.geometry import significant
 
 router = APIRouter(prefix="/api/v1", tags=["bursts"])
 

@@ -4,14 +4,15 @@ from dataclasses import replace
 from typing import Annotated
 
 from fastapi import APIRouter, Query, Request, Response
-from fastapi.responses import FileResponse
 
 from api.freshness import REVALIDATE, file_tag, is_known, not_modified
 from api.queries import DayFilter, OriginChoice, parse_day
+from api.routers.figures import svg_reply
 from api.schemas import API, DayReply, DaysReply, DaySummaryReply, DetectionReply, DetectionsReply
 from api.service import CatalogueHere, ServiceHere
 from api.tables import JSON, DetectionTableFilter, asked_format, detection_table, table_reply
 from bella.exceptions import NoDataError
+from bella.plotting import as_file
 
 router = APIRouter(prefix="/api/v1", tags=["detections"])
 
@@ -57,9 +58,9 @@ def day(day: str, catalogue: CatalogueHere, choice: Annotated[OriginChoice, Quer
     return DayReply.of(wanted, catalogue.searched_day(wanted, choice.origins))
 
 
-@router.get("/days/{day}/figure", responses={200: {"content": {"image/png": {}}}}, response_class=Response)
+@router.get("/days/{day}/figure", responses={200: {"content": {"image/svg+xml": {}}}}, response_class=Response)
 def day_figure(request: Request, day: str, service: ServiceHere, choice: Annotated[OriginChoice, Query()]) -> Response:
-    """Spectra of all spacecraft on a searched day with what was found outlined, PNG; redrawn with the day."""
+    """Spectra of all spacecraft on a searched day with what was found outlined, SVG; redrawn with the day."""
     wanted = parse_day(day)
     paths = [service.settings.day_figure(wanted, origin) for origin in choice.origins]
     path = next((one for one in paths if one.is_file()), paths[0])
@@ -68,4 +69,5 @@ def day_figure(request: Request, day: str, service: ServiceHere, choice: Annotat
     tag = file_tag(path)
     if is_known(request, tag):
         return not_modified(tag)
-    return FileResponse(path, media_type="image/png", headers={"ETag": tag, "Cache-Control": REVALIDATE})
+    caption = f"Spectra of {wanted} in dB over the background; grey is no data. Boxes: what was found. BELLA service."
+    return svg_reply(as_file(path.read_text(encoding="utf-8"), caption), {"ETag": tag, "Cache-Control": REVALIDATE})

@@ -5,7 +5,7 @@ from typing import Literal
 from fastapi import APIRouter, Response
 from fastapi.responses import FileResponse
 
-from api.calibration_section import CalibrationReply, calibration_of
+from api.calibration import CalibrationReply, calibration_of
 from api.freshness import IMMUTABLE
 from api.schemas import SolutionReply, SolutionWithSourcesReply, SourceReply
 from api.service import CatalogueHere, ServiceHere

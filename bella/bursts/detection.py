@@ -337,7 +337,7 @@ def _flux_sfu_1au(over: xr.Dataset, band_mhz: FloatArray, start: pd.Timestamp, e
     if "flux_sfu_1au" not in over:
         return float("nan")
     part = over["flux_sfu_1au"].sel(time=slice(start, end), frequency=slice(*(band_mhz * [1 / BAND_EDGE, BAND_EDGE])))
-    return float(part.max()) if part.size and bool(part.notna().any()) else float("nan")
+    return float(part.max()) if part.size and bool(np.isfinite(part).any()) else float("nan")
 
 
 def onset_records(one: Candidate) -> npt.NDArray[np.intp]:

@@ -353,7 +353,8 @@ def time_spectra(
         except NoDataError as error:
             left_out.append(str(error))
     if not parts:
-        raise NoDataError(f"no spacecraft shows a burst around {around_utc}; give another time, or other spectra")
+        when = np.datetime_as_string(around_utc, "s")
+        raise NoDataError(f"no spacecraft shows a burst around {when}; give another time, or other spectra")
     return time_burst(parts, edge), left_out
 
 

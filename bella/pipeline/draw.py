@@ -10,6 +10,7 @@ from datetime import date
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pandas as pd
 import structlog
 import xarray as xr
@@ -24,14 +25,19 @@ from bella.pipeline.inputs import BurstInput, origin_of
 from bella.pipeline.progress import counter
 from bella.pipeline.surroundings import Surroundings, draw_wind, has_wind
 from bella.plotting import (
+    MapView,
+    SpectraView,
     TrackView,
+    constellation_caption,
+    constellation_figure,
     edge_name,
+    spectra_caption,
+    spectra_figure,
     write_collapsed_png,
-    write_constellation_png,
-    write_day_png,
+    write_day_svg,
     write_density_png,
+    write_figure,
     write_polar_fit_png,
-    write_spectra_png,
 )
 from bella.settings import COLLAPSED_FIGURE, FIT_FIGURES, WIND_FIGURE, Settings
 from bella.store import open_group
@@ -90,7 +96,10 @@ def _draw(given: BurstInput, solutions: Sequence[Drawn], settings: Settings, aro
     ]
     advance = counter("figures", len(figure_paths(given, solutions, settings)))
     if positions:
-        write_constellation_png(constellation(given, positions[0].solution, settings), views)
+        best_first = [view for _, view in sorted(zip(positions, views, strict=True), key=_is_other)]
+        utc = np.datetime64(given.burst.start_utc.replace(tzinfo=None), "ns")
+        path = constellation(given, positions[0].solution, settings)
+        write_figure(path, constellation_figure(best_first, utc, MapView()), constellation_caption("hee"))
         advance(1)
     for one, view in zip(positions, views, strict=True):
         polar_fit, density = fit_figures(one.solution, settings)
@@ -104,9 +113,13 @@ def _draw(given: BurstInput, solutions: Sequence[Drawn], settings: Settings, aro
             write_collapsed_png(path, given.collapsed)
             advance(1)
     if given.spectra is not None:
-        named = {edge_name(edge): table for edge, table in given.channel_edges.items()}
-        write_spectra_png(spectra_figure(given, settings), given.spectra, named)
+        drawn = spectra_figure(given.spectra, given.channel_edges, SpectraView())
+        write_figure(spectra_path(given, settings), drawn, spectra_caption("spacecraft"))
         advance(1)
+
+
+def _is_other(pair: tuple[Drawn, TrackView]) -> bool:
+    return not pair[0].solution.preferred
 
 
 def figure_paths(given: BurstInput, solutions: Sequence[Drawn], settings: Settings) -> list[Path]:
@@ -116,18 +129,18 @@ def figure_paths(given: BurstInput, solutions: Sequence[Drawn], settings: Settin
     paths += [path for one in positions for path in fit_figures(one.solution, settings)]
     paths += [wind_figure(one.solution, settings) for one in positions if has_wind(one.track)]
     paths += collapsed_figures(given, solutions, settings)
-    return [*paths, *([spectra_figure(given, settings)] if given.spectra is not None else [])]
+    return [*paths, *([spectra_path(given, settings)] if given.spectra is not None else [])]
 
 
 def constellation(given: BurstInput, solution: Solution, settings: Settings) -> Path:
     """File of the positions of all edges of a burst."""
-    name = f"constellation-{solution.series.method}-{solution.series.preset}.png"
+    name = f"constellation-{solution.series.method}-{solution.series.preset}.svg"
     return settings.figures_root / given.burst.burst_id / name
 
 
-def spectra_figure(given: BurstInput, settings: Settings) -> Path:
+def spectra_path(given: BurstInput, settings: Settings) -> Path:
     """File of the spectra of a burst with their edges."""
-    return settings.figures_root / given.burst.burst_id / "spectra.png"
+    return settings.figures_root / given.burst.burst_id / "spectra.svg"
 
 
 def fit_figures(solution: Solution, settings: Settings) -> list[Path]:
@@ -170,7 +183,7 @@ def draw_day(day: date, spectra: Sequence[xr.Dataset], found: Sequence[Detection
     """
     path = settings.day_figure(day, origin_of(spectra))
     try:
-        write_day_png(path, day, spectra, detection_frame(found))
+        write_day_svg(path, day, spectra, detection_frame(found))
     except Exception as error:  # noqa: BLE001 - a picture is not worth a day, whatever keeps it from being drawn
         log.warning("figure of the day not drawn", reason=f"{type(error).__name__}: {error}")
         if path.is_file():

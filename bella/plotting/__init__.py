@@ -1,18 +1,21 @@
 """Figures: the constellation with its tracks, the spectra with their timed edges, the uncertainty map, P-P curves.
 
-The screen figures are plain dicts in plotly's JSON form, made without importing plotly; the printed ones are PNG files
-drawn with matplotlib, which is imported when one of their functions is first asked for.
+The figures of the pages are SVG, written without any drawing library; the printed ones are PNG files drawn with
+matplotlib, which is imported when one of their functions is first asked for.
 """
 
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 from bella.exceptions import require_extra
-from bella.plotting.constellation import constellation_figure, selected_regions
-from bella.plotting.geometry import TrackView, polar_track, speed_remark
+from bella.plotting.constellation import MapView, constellation_caption, constellation_figure, thumbnail
+from bella.plotting.evolution import evolution_figure, residual_figure
+from bella.plotting.fleet import write_day_svg
+from bella.plotting.geometry import TrackView, polar_track, selected_regions, speed_remark
 from bella.plotting.palette import edge_name
-from bella.plotting.script import plotly_script, plotly_version
-from bella.plotting.spectra import spectra_figure
+from bella.plotting.spectra import SpectraView, spectra_caption, spectra_figure
+from bella.plotting.svg import as_file, figure_style, write_figure
+from bella.plotting.timeline import DayMark, Marked, OnsetMark, calendar_figure, selection_figure, strips_figure
 
 if TYPE_CHECKING:
     from bella.plotting.aligned import write_aligned_png
@@ -21,40 +24,50 @@ if TYPE_CHECKING:
     from bella.plotting.coverage import write_coverage_png
     from bella.plotting.day import write_spectrum_png
     from bella.plotting.edges import write_edge_figures
-    from bella.plotting.fleet import write_day_png
     from bella.plotting.light_curves import write_light_curves_png
-    from bella.plotting.printed import write_constellation_png, write_spectra_png
     from bella.plotting.quick import draw_arrivals, draw_detections, draw_positions, draw_track
     from bella.plotting.track import write_density_png, write_polar_fit_png
     from bella.plotting.wind import WindScene, write_wind_map_png
 
 __all__ = [
+    "DayMark",
+    "MapView",
+    "Marked",
+    "OnsetMark",
+    "SpectraView",
     "TrackView",
     "WindScene",
+    "as_file",
+    "calendar_figure",
     "comparison_panels",
+    "constellation_caption",
     "constellation_figure",
     "draw_arrivals",
     "draw_detections",
     "draw_positions",
     "draw_track",
     "edge_name",
-    "plotly_script",
-    "plotly_version",
+    "evolution_figure",
+    "figure_style",
     "polar_track",
+    "residual_figure",
     "selected_regions",
+    "selection_figure",
+    "spectra_caption",
     "spectra_figure",
     "speed_remark",
+    "strips_figure",
+    "thumbnail",
     "write_aligned_png",
     "write_calibration_png",
     "write_collapsed_png",
-    "write_constellation_png",
     "write_coverage_png",
-    "write_day_png",
+    "write_day_svg",
     "write_density_png",
     "write_edge_figures",
+    "write_figure",
     "write_light_curves_png",
     "write_polar_fit_png",
-    "write_spectra_png",
     "write_spectrum_png",
     "write_wind_map_png",
 ]
@@ -69,14 +82,11 @@ _DRAWN_IN = {
     "write_aligned_png": "bella.plotting.aligned",
     "write_calibration_png": "bella.plotting.calibration",
     "write_collapsed_png": "bella.plotting.collapsed",
-    "write_constellation_png": "bella.plotting.printed",
     "write_coverage_png": "bella.plotting.coverage",
-    "write_day_png": "bella.plotting.fleet",
     "write_density_png": "bella.plotting.track",
     "write_edge_figures": "bella.plotting.edges",
     "write_light_curves_png": "bella.plotting.light_curves",
     "write_polar_fit_png": "bella.plotting.track",
-    "write_spectra_png": "bella.plotting.printed",
     "write_spectrum_png": "bella.plotting.day",
     "write_wind_map_png": "bella.plotting.wind",
 }

@@ -19,9 +19,8 @@ from matplotlib.patheffects import withStroke
 from bella.exceptions import InputError
 from bella.plotting.day import NO_DATA, draw_intensity, frequency_axis, shown_day, thinned, time_axis
 from bella.plotting.palette import INTENSITY_SCALE, TRACK_STYLES, TrackStyle, edge_name, track_style
-from bella.plotting.printed import save_png
+from bella.plotting.printed import ARRIVAL_COLUMNS, FLAGGED, day_numbers, is_flagged, require_columns, save_png
 from bella.plotting.spectra import BAND_MARGIN
-from bella.plotting.tables import ARRIVAL_COLUMNS, FLAGGED, day_numbers, is_flagged, require_columns
 from bella.spectra import over_background, relative_power
 from bella.units import DAY_S, FloatArray
 

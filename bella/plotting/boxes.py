@@ -17,7 +17,7 @@ from matplotlib.text import Annotation
 from scipy.optimize import isotonic_regression
 
 from bella.flags import CATALOGUED, LOCALISABLE, REJECTED
-from bella.plotting.tables import day_numbers, require_columns
+from bella.plotting.printed import day_numbers, require_columns
 from bella.units import FloatArray
 
 BOX_COLUMNS = ("observatory", "start_utc", "end_utc", "f_low_mhz", "f_high_mhz", "score", "tier", "reason")

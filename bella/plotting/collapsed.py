@@ -9,8 +9,7 @@ from matplotlib.figure import Figure
 
 from bella.exceptions import InputError
 from bella.plotting.palette import INK, TRACK_STYLES
-from bella.plotting.printed import save_png
-from bella.plotting.tables import require_columns
+from bella.plotting.printed import require_columns, save_png
 
 COLUMNS = ("observatory", "frequency_mhz", "widths", "height", "fitted")
 BANDS = 4

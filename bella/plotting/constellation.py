@@ -1,393 +1,385 @@
-"""The constellation: Sun, spacecraft, tracks with their credible regions, and the spiral behind them.
+"""The constellation: Sun, Earth and spacecraft, the track of a burst with its regions, and the spiral behind it.
 
 Seen from ecliptic north with the Earth to the right: HEE X to the right, HEE Y up, solar radii.
 """
 
 from collections.abc import Iterator, Mapping, Sequence
-from typing import Any
+from dataclasses import dataclass, field
+from typing import Literal
 
 import numpy as np
 
-from bella.answer import wind_gap, written_68, written_wind
+from bella.answer import written_68
 from bella.flags import APPARENT_SOURCE
+from bella.heliosphere import spiral_longitude_deg
 from bella.plotting.geometry import (
-    SPIRAL_POINTS,
+    PERCENTS,
     PolarTrack,
     TrackView,
-    fitted_spiral,
-    name_places,
+    band_outline,
     nearest_index,
     polar_track,
     receiver_positions,
     region_outline,
-    speed_remark,
+    spiral_band,
     spread_indices,
 )
-from bella.plotting.listing import listed, significant
-from bella.plotting.palette import (
-    FAINT,
-    FREQUENCY_SCALE,
-    FREQUENCY_TICKS_MHZ,
-    INK,
-    SPACECRAFT,
-    SUN,
-    TrackStyle,
-    edge_name,
-    track_style,
-)
-from bella.plotting.spiral_band import PERCENTS, band_outline, spiral_band
+from bella.plotting.palette import FREQUENCY_TICKS_MHZ, TrackStyle, edge_name, track_style
+from bella.plotting.svg import Scale, colour_at, element, figure, line, number, path, round_step, words
+from bella.records import Interval
+from bella.spacecraft import cartesian, hee_from, position
 from bella.units import AU_RSUN, FloatArray
 
+Frame = Literal["hee", "heeq", "carrington"]
+View = Literal["track", "fleet"]
+
 REGIONS_PER_TRACK = 6
-BAND_POINTS = 40
+BAND_POINTS = 48
 RINGS_AU = (0.25, 0.5, 0.75, 1.0)
-NAMED_RINGS_AU = (0.5, 1.0)
+NOMINAL_WIND_KM_S, NOMINAL_PERIOD_D = 400.0, 25.38
+"""Of the spirals through the spacecraft: the usual slow wind, and the sidereal rotation of Carrington."""
+
+SIZE = (620.0, 560.0)
+SPOKE_STEP_DEG = 30
+LEAST_HALF_RSUN = 12.0
+BEYOND = 1.3
+"""Of the distances of a joint fit: what is farther out does not decide what is shown of its track."""
+
+BORDER = 15.0
+"""Room between the border of the map and the labels of the longitudes along it."""
 
 
-def constellation_figure(tracks: Sequence[TrackView]) -> dict[str, Any]:
-    """Plotly figure of the constellation.
+@dataclass(frozen=True)
+class Map:
+    """The part of the ecliptic that is drawn, and where it is on the figure."""
+
+    centre: tuple[float, float]
+    per_rsun: float
+
+    def __call__(self, points: FloatArray) -> FloatArray:
+        """Places of HEE points of shape (N, 2 or 3) on the figure."""
+        plane = np.atleast_2d(points)[:, :2] - self.centre
+        return np.asarray(np.array(SIZE) / 2 + plane * (self.per_rsun, -self.per_rsun))
+
+    def to_border(self, angle: float, inset: float = 0.0) -> tuple[FloatArray, bool]:
+        """Where a ray from the Sun leaves the figure, and whether it crosses it at all; `angle` in radians."""
+        start, way = self(np.zeros((1, 2)))[0], np.array([np.cos(angle), -np.sin(angle)])
+        box = np.array([[inset, SIZE[0] - inset], [inset, SIZE[1] - inset]])
+        with np.errstate(divide="ignore"):
+            steps = (box - start[:, np.newaxis]) / way[:, np.newaxis]
+        leave = float(np.min(np.max(steps, axis=1)))
+        return start + leave * way, leave > 0
+
+
+@dataclass(frozen=True)
+class MapView:
+    """What a map shows.
+
+    Attributes
+    ----------
+    view : str
+        `track`: what the first track needs; `fleet`: all spacecraft.
+    frame : str
+        Whose longitudes the grid shows.
+    frequency_mhz : float or None
+        Whose regions stand out.
+    sectors : sequence of Interval
+        Longitudes at the Sun, drawn where there is no track.
+    receivers : mapping of str to ndarray
+        HEE, solar radii; of the tracks where they have them.
+    """
+
+    view: View = "track"
+    frame: Frame = "hee"
+    frequency_mhz: float | None = None
+    sectors: Sequence[Interval] = ()
+    receivers: Mapping[str, FloatArray] = field(default_factory=dict)
+
+
+def constellation_figure(tracks: Sequence[TrackView], utc: np.datetime64, look: MapView) -> str:
+    """Figure of the constellation, SVG.
 
     Parameters
     ----------
     tracks : sequence of TrackView
-        In the order of the legend, the first one drawn above the others; may be empty.
+        The first one with its regions and its spiral, the others as lines; may be empty.
+    utc : numpy.datetime64
+        Of Earth, and of the longitudes of a frame.
+    look : MapView
 
     Returns
     -------
-    dict
-        ``data`` and ``layout``, only lists, numbers, text and None. Every trace of a track names it in ``legendgroup``
-        (its edge) and says in ``meta`` what it is: ``{"role": "track" | "anchor" | "region" | "selected" | "spiral" |
-        "spiral_band"}``, regions with their ``percent`` and ``frequency_mhz``.
+    str
     """
-    traces = [*_surroundings(tracks)]
+    known = dict(look.receivers)
+    for track in reversed(tracks):
+        known |= receiver_positions(track.posterior)
+    earth = position("EARTH", utc)[0]
+    chart = _map(tracks, [*known.values(), earth], look.view)
+    title = "Map of the inner heliosphere with Sun, Earth, spacecraft, track, credible regions and spiral."
     styled = [(track, track_style(track.edge, index)) for index, track in enumerate(tracks)]
-    for layer in (_band_traces, _region_traces, _spiral_traces, _selected_traces, _point_traces):
-        for track, style in reversed(styled):
-            traces.extend(layer(track, style))
-    traces += [trace for track, style in styled for trace in _legend_trace(track, style)]
-    if tracks:
-        traces.append(_colour_bar(tracks))
-    return {"data": traces, "layout": _layout(tracks)}
+    others = [part for track, style in reversed(styled[1:]) for part in _line_of(track, style, chart)]
+    return figure(
+        "constellation",
+        SIZE,
+        title,
+        element("rect", x=0, y=0, width=SIZE[0], height=SIZE[1], class_="sky"),
+        *_rings(chart),
+        *_spokes(chart, look.frame, utc),
+        *_nominal_spirals(chart, known),
+        *(_sector(chart, one) for one in look.sectors),
+        *(part for track, style in styled[:1] for part in _first(track, style, chart, look.frequency_mhz)),
+        *others,
+        element("circle", cx=chart(np.zeros((1, 2)))[0][0], cy=chart(np.zeros((1, 2)))[0][1], r=7, class_="sun"),
+        *_bodies(chart, known, earth),
+        *(_frequency_scale(tracks[0]) if tracks else ()),
+        data_centre=f"{chart.centre[0]:.2f},{chart.centre[1]:.2f}",
+        data_per_rsun=f"{chart.per_rsun:.4f}",
+    )
 
 
-def selected_regions(posterior: Any, frequency_mhz: float) -> dict[str, Any]:
-    """Numbers and outlines of the one channel nearest to a frequency.
+def _map(tracks: Sequence[TrackView], bodies: Sequence[FloatArray], view: View) -> Map:
+    points = np.array([body[:2] for body in bodies])
+    half = 1.1 * float(np.abs(points).max())
+    centre = np.zeros(2)
+    if view == "track" and tracks:
+        shown = np.vstack([np.zeros((1, 2)), *_near(tracks[0])])
+        low, high = np.nanmin(shown, axis=0), np.nanmax(shown, axis=0)
+        centre, spans = (low + high) / 2, (high - low) / np.array(SIZE) * SIZE[1]
+        half = max(0.62 * float(spans.max()), LEAST_HALF_RSUN)
+    return Map((float(centre[0]), float(centre[1])), SIZE[1] / (2 * half))
+
+
+def _near(track: TrackView) -> Iterator[FloatArray]:
+    """Positions and 68 % regions of a track, as far as its joint fit goes: single channels may be far out."""
+    polar = polar_track(track.posterior)
+    profile = (track.track_fit.get("joint") or {}).get("profile") or ()
+    far = [one["range_rsun"]["q84"] for one in profile if one["range_rsun"].get("q84") is not None]
+    reach = BEYOND * max(far) if far else np.inf
+    near = polar.range_rsun <= reach
+    yield np.column_stack([polar.x_rsun, polar.y_rsun])[near if near.any() else slice(None)]
+    for index in spread_indices(polar, REGIONS_PER_TRACK):
+        outline = region_outline(track.posterior, int(index), 68)
+        yield outline[np.hypot(*outline.T) <= reach]
+
+
+def _rings(chart: Map) -> Iterator[str]:
+    """Circles around the Sun: quarters of an au, or round numbers of solar radii where the view is smaller."""
+    sun = chart(np.zeros((1, 2)))[0]
+    corners = np.array([[x, y] for x in (0.0, SIZE[0]) for y in (0.0, SIZE[1])])
+    reach = float(np.linalg.norm(corners - sun, axis=1).max()) / chart.per_rsun
+    step = round_step(reach / 5.0)
+    in_au = reach > 1.2 * AU_RSUN
+    radii = [one * AU_RSUN for one in RINGS_AU] if in_au else [step * n for n in range(1, int(reach / step) + 1)]
+    for radius in radii:
+        is_au = in_au and radius == AU_RSUN
+        yield element("circle", cx=sun[0], cy=sun[1], r=radius * chart.per_rsun, class_="ring au" if is_au else "ring")
+        label = f"{radius / AU_RSUN:g} au" if in_au else f"{radius:g} R\N{SUN}"
+        x, y = chart(np.array([[radius * np.cos(np.radians(75.0)), radius * np.sin(np.radians(75.0))]]))[0]
+        if 12 < y < SIZE[1] - 4 and 20 < x < SIZE[0] - 20:
+            yield words(label, x, y + 4, class_="grid-label")
+
+
+def _spokes(chart: Map, frame: Frame, utc: np.datetime64) -> Iterator[str]:
+    """Rays of round longitudes of a frame, each with its longitude where it leaves the map."""
+    sun = chart(np.zeros((1, 2)))[0]
+    for longitude in range(0, 360, SPOKE_STEP_DEG):
+        x, y, _ = hee_from(frame, cartesian(1.0, longitude, 0.0), utc)[0]
+        angle = float(np.arctan2(y, x))
+        end, is_seen = chart.to_border(angle)
+        if not is_seen:
+            continue
+        yield line(sun[0], sun[1], end[0], end[1], class_="spoke")
+        place, _ = chart.to_border(angle, BORDER)
+        if np.linalg.norm(place - sun) > 60:
+            anchor = "start" if place[0] < 40 else "end" if place[0] > SIZE[0] - 40 else "middle"
+            aside = {"start": -9.0, "end": 9.0, "middle": 0.0}[anchor]
+            said = _written(longitude, frame)
+            yield words(said, place[0] + aside, place[1] + 4, class_="spoke-label", text_anchor=anchor)
+
+
+def _written(longitude_deg: int, frame: Frame) -> str:
+    if frame == "carrington" or longitude_deg in {0, 180}:
+        return f"{longitude_deg}°"
+    return f"{longitude_deg}°W" if longitude_deg < 180 else f"{360 - longitude_deg}°E"
+
+
+def _nominal_spirals(chart: Map, receivers: Mapping[str, FloatArray]) -> Iterator[str]:
+    """Spirals of the usual slow wind from the Sun to each spacecraft."""
+    for name, where in receivers.items():
+        reach = float(np.hypot(*where[:2]))
+        distance = np.linspace(1.0, reach, BAND_POINTS)
+        turned = spiral_longitude_deg(distance, 0.0, NOMINAL_WIND_KM_S, NOMINAL_PERIOD_D)
+        longitude = np.radians(turned - turned[-1]) + np.arctan2(where[1], where[0])
+        points = np.column_stack([distance * np.cos(longitude), distance * np.sin(longitude)])
+        yield path(chart(points), class_="nominal", data_name=name)
+
+
+def _sector(chart: Map, interval: Interval) -> str:
+    """Longitudes at the Sun that a track without positions leaves open."""
+    angle = np.radians(np.linspace(interval.low, interval.high, 40))
+    arc = AU_RSUN * np.column_stack([np.cos(angle), np.sin(angle)])
+    return path(chart(np.vstack([np.zeros((1, 2)), arc])), closed=True, class_="sector")
+
+
+def _first(track: TrackView, style: TrackStyle, chart: Map, frequency_mhz: float | None) -> Iterator[str]:
+    """The track that the map is about: band of its spiral, regions, positions by frequency."""
+    polar, name = polar_track(track.posterior), f"edge-{style.name}"
+    band = spiral_band(track.posterior, np.linspace(1.0, AU_RSUN, BAND_POINTS))
+    if band is not None:
+        for percent in PERCENTS:
+            yield path(chart(band_outline(band, percent)), closed=True, class_=f"spiral-band p{percent} {name}")
+        middle = np.radians(band.median_deg)
+        spiral = np.column_stack([band.range_rsun * np.cos(middle), band.range_rsun * np.sin(middle)])
+        yield path(chart(spiral), class_=f"spiral {name}")
+    for index in spread_indices(polar, REGIONS_PER_TRACK):
+        for percent in (95, 68):
+            outline = region_outline(track.posterior, int(index), percent)
+            yield path(chart(outline), class_=f"region p{percent} {name}")
+    chosen = None if frequency_mhz is None else nearest_index(polar.frequency_mhz, frequency_mhz)
+    for percent in (95, 68):
+        outline = np.empty((0, 2)) if chosen is None else region_outline(track.posterior, chosen, percent)
+        yield path(chart(outline) if len(outline) else outline, class_=f"selected p{percent} {name}")
+    places = chart(np.column_stack([polar.x_rsun, polar.y_rsun]))
+    yield path(places, class_=f"track {name}")
+    yield element("g", *_dots(track, polar, places), class_="dots")
+
+
+def _dots(track: TrackView, polar: PolarTrack, places: FloatArray) -> Iterator[str]:
+    ends = np.log(polar.frequency_mhz.min()), np.log(polar.frequency_mhz.max())
+    area = track.posterior["area68_rsun2"].to_numpy()
+    for index, (x, y) in enumerate(places):
+        if not np.isfinite(x):
+            continue
+        frequency = polar.frequency_mhz[index]
+        share = (np.log(frequency) - ends[0]) / (ends[1] - ends[0]) if ends[1] > ends[0] else 0.5
+        distance = written_68({"mean": float(polar.range_rsun[index]), "sd": float(polar.range_sd_rsun[index])})
+        longitude = written_68({"mean": float(polar.longitude_deg[index]), "sd": float(polar.longitude_sd_deg[index])})
+        said = f"{frequency:.3g} MHz: {distance} R\N{SUN}, {longitude}° HEE, 68 % area {area[index]:.0f} R\N{SUN}²"
+        yield element(
+            "circle",
+            element("title", said),
+            cx=x,
+            cy=y,
+            r=4.2,
+            fill=colour_at(float(share)),
+            data_mhz=f"{frequency:.5g}",
+        )
+
+
+def _line_of(track: TrackView, style: TrackStyle, chart: Map) -> Iterator[str]:
+    """Another answer: its positions as a line."""
+    polar = polar_track(track.posterior)
+    places = chart(np.column_stack([polar.x_rsun, polar.y_rsun]))
+    yield path(places, class_=f"track other edge-{style.name}")
+    x, y = places[int(np.nanargmax(polar.range_rsun))]
+    if 0 < x < SIZE[0] and 0 < y < SIZE[1]:
+        yield words(edge_name(track.edge).removesuffix(" edge"), x + 6, y + 4, class_=f"other-label edge-{style.name}")
+
+
+def _bodies(chart: Map, receivers: Mapping[str, FloatArray], earth: FloatArray) -> Iterator[str]:
+    """Earth and spacecraft; those outside the map as an arrow at its border."""
+    near_earth = [name for name, where in receivers.items() if float(np.linalg.norm(where - earth)) < 4.0]
+    named = {name: where for name, where in receivers.items() if name not in near_earth}
+    taken: list[FloatArray] = []
+    for name, where in [("Earth" + "".join(f", {one}" for one in near_earth), earth), *named.items()]:
+        kind = "earth" if where is earth else "craft"
+        x, y = place = chart(where[np.newaxis])[0]
+        angle = float(np.arctan2(where[1], where[0]))
+        if 8 < x < SIZE[0] - 8 and 8 < y < SIZE[1] - 8:
+            yield _marker(kind, x, y)
+            side = -1.0 if x > SIZE[0] - 100 else 1.0
+            below = any(np.linalg.norm(place - one) < 40 for one in taken)
+            anchor = "end" if side < 0 else "start"
+            yield words(name, x + side * 10, y + (16 if below else -7), class_="craft-label", text_anchor=anchor)
+            taken.append(place)
+            continue
+        end, is_seen = chart.to_border(angle, 34.0)
+        if is_seen:
+            x, y = float(end[0]), float(end[1])
+            yield _triangle(x, y, f"away {kind}", f"rotate({90 - np.degrees(angle):.0f} {number(x)} {number(y)})")
+            anchor = "end" if x > SIZE[0] - 120 else "start" if x < 120 else "middle"
+            aside = {"end": -9, "start": 9, "middle": 0}[anchor]
+            yield words(name, x + aside, y + (18 if y < 60 else -8), class_="craft-label", text_anchor=anchor)
+
+
+def _marker(kind: str, x: float, y: float) -> str:
+    if kind == "earth":
+        return element("circle", cx=x, cy=y, r=5.5, class_="earth")
+    return _triangle(x, y, "craft")
+
+
+def _triangle(x: float, y: float, kind: str, transform: str | None = None) -> str:
+    return path(np.array([[x, y - 6], [x + 6, y + 5], [x - 6, y + 5]]), closed=True, class_=kind, transform=transform)
+
+
+def _frequency_scale(track: TrackView) -> Iterator[str]:
+    """Colours of the frequencies, in the corner below."""
+    channels = track.posterior["frequency"].to_numpy()
+    scale = Scale(float(channels.min()), float(channels.max()), 16.0, 136.0, is_log=True)
+    top, count = SIZE[1] - 30.0, 24
+    if scale.low == scale.high:
+        return
+    yield element("rect", x=6, y=top - 8, width=170, height=34, class_="sky under")
+    for index in range(count):
+        x, width = 16.0 + index * 120.0 / count, 120.0 / count + 0.6
+        yield element("rect", x=x, y=top, width=width, height=7, fill=colour_at((index + 0.5) / count))
+    for tick in scale.among(FREQUENCY_TICKS_MHZ):
+        yield words(f"{tick:g}", float(scale(tick)), top + 19, class_="tick", text_anchor="middle")
+    yield words("MHz", 142.0, top + 8, class_="tick")
+
+
+def thumbnail(
+    places_rsun: FloatArray, longitude_68: tuple[float, float] | None, receivers: Mapping[str, FloatArray], said: str
+) -> str:
+    """Small picture of a track for a list: the ring of 1 au, Sun, Earth, spacecraft, and the 68 % interval.
 
     Parameters
     ----------
-    posterior : xarray.Dataset
-    frequency_mhz : float
+    places_rsun : ndarray, shape (N, 2)
+        HEE positions of the track.
+    longitude_68 : (float, float) or None
+        Degrees at the Sun.
+    receivers : mapping of str to ndarray
+        HEE, solar radii.
+    said : str
+        What a screen reader says of it.
 
     Returns
     -------
-    dict
-        ``frequency_mhz, x_rsun, y_rsun, range_rsun, range_sd_rsun, longitude_deg, longitude_sd_deg, area68_rsun2,
-        area95_rsun2, contraction_v, speed, region68, region95``; a region is ``{"x": [...], "y": [...]}`` with None
-        between its polygons.
+    str
     """
-    track = polar_track(posterior)
-    index = nearest_index(track.frequency_mhz, frequency_mhz)
-    contraction = float(posterior["contraction_v"][index])
-    numbers = {
-        "frequency_mhz": significant([track.frequency_mhz[index]], 5)[0],
-        "x_rsun": listed(track.x_rsun[index : index + 1])[0],
-        "y_rsun": listed(track.y_rsun[index : index + 1])[0],
-        "range_rsun": listed(track.range_rsun[index : index + 1])[0],
-        "range_sd_rsun": listed(track.range_sd_rsun[index : index + 1])[0],
-        "longitude_deg": listed(track.longitude_deg[index : index + 1])[0],
-        "longitude_sd_deg": listed(track.longitude_sd_deg[index : index + 1])[0],
-        "area68_rsun2": significant([float(posterior["area68_rsun2"][index])])[0],
-        "area95_rsun2": significant([float(posterior["area95_rsun2"][index])])[0],
-        "contraction_v": listed([contraction], 3)[0],
-        "speed": speed_remark(contraction),
-    }
-    return numbers | {f"region{p}": _xy(region_outline(posterior, index, p)) for p in (68, 95)}
+    half, scale = 36.0, 31.0 / AU_RSUN
+
+    def _at(points: FloatArray) -> FloatArray:
+        return np.asarray(half + np.atleast_2d(points)[:, :2] * (scale, -scale))
+
+    wedge = ""
+    if longitude_68 is not None:
+        angle = np.radians(np.linspace(*longitude_68, 12))
+        arc = AU_RSUN * np.column_stack([np.cos(angle), np.sin(angle)])
+        wedge = path(_at(np.vstack([np.zeros((1, 2)), arc])), closed=True, class_="sector")
+    crafts = [element("circle", cx=x, cy=y, r=2.2, class_="craft") for one in receivers.values() for x, y in _at(one)]
+    return element(
+        "svg",
+        element("circle", cx=half, cy=half, r=31, class_="ring au"),
+        wedge,
+        path(_at(places_rsun), class_="track thumb") if len(places_rsun) else "",
+        element("circle", cx=half, cy=half, r=3, class_="sun"),
+        element("circle", cx=half + 31, cy=half, r=2.6, class_="earth"),
+        *crafts,
+        viewBox="0 0 72 72",
+        class_="figure thumbnail",
+        role="img",
+        aria_label=said,
+    )
 
 
-def _reach(tracks: Sequence[TrackView]) -> float:
-    """Half width of the view: what is farthest out, with room for its name."""
-    radii = [AU_RSUN]
-    for track in tracks:
-        radii += [float(np.hypot(*position[:2])) for position in receiver_positions(track.posterior).values()]
-    return 1.14 * float(np.nanmax(radii))
-
-
-def _xy(points: FloatArray, digits: int = 1) -> dict[str, Any]:
-    return {"x": listed(points[:, 0], digits), "y": listed(points[:, 1], digits)}
-
-
-def _circle(radius: float) -> FloatArray:
-    angle = np.linspace(0.0, 2 * np.pi, 121)
-    return radius * np.column_stack([np.cos(angle), np.sin(angle)])
-
-
-def _surroundings(tracks: Sequence[TrackView]) -> Iterator[dict[str, Any]]:
-    quiet = {"type": "scatter", "mode": "lines", "hoverinfo": "skip", "showlegend": False}
-    for ring in RINGS_AU:
-        line = {"color": FAINT, "width": 1.4 if ring == 1.0 else 0.8}
-        yield {**quiet, **_xy(_circle(ring * AU_RSUN)), "line": line, "meta": {"role": "ring"}}
-    yield {
-        "type": "scatter",
-        "mode": "markers+text",
-        "name": "Sun",
-        "x": [0.0],
-        "y": [0.0],
-        "text": ["Sun"],
-        "textposition": "middle left",
-        "textfont": {"size": 12},
-        "marker": {"size": 15, "color": SUN, "line": {"color": "#a87b00", "width": 1}},
-        "hovertemplate": "Sun<extra></extra>",
-        "showlegend": False,
-        "meta": {"role": "sun"},
-    }
-    if tracks:
-        yield _spacecraft_trace(tracks)
-
-
-def _spacecraft_trace(tracks: Sequence[TrackView]) -> dict[str, Any]:
-    positions: dict[str, FloatArray] = {}
-    for track in tracks:
-        positions = {**receiver_positions(track.posterior), **positions}
-    where = np.array(list(positions.values()))
-    distance = np.linalg.norm(where, axis=1) / AU_RSUN
-    longitude = np.degrees(np.arctan2(where[:, 1], where[:, 0]))
-    return {
-        "type": "scatter",
-        "mode": "markers+text",
-        "name": "Spacecraft",
-        **_xy(where),
-        "text": list(positions),
-        "textposition": name_places(where),
-        "textfont": {"size": 12.5},
-        "customdata": [list(row) for row in zip(listed(distance, 3), listed(longitude, 1), strict=True)],
-        "hovertemplate": "<b>%{text}</b><br>%{customdata[0]} au, HEE longitude %{customdata[1]}°<extra></extra>",
-        "marker": {"size": 12, "symbol": "triangle-up", "color": SPACECRAFT, "line": {"color": "#ffffff", "width": 1}},
-        "showlegend": False,
-        "cliponaxis": False,
-        "meta": {"role": "spacecraft"},
-    }
-
-
-def _member(track: TrackView, role: str, **more: Any) -> dict[str, Any]:
-    """Say which track a trace belongs to and what it is, so that a page can find it again."""
-    return {"legendgroup": track.edge, "showlegend": False, "meta": {"role": role, "edge": track.edge, **more}}
-
-
-def _region_traces(track: TrackView, style: TrackStyle) -> Iterator[dict[str, Any]]:
-    polar = polar_track(track.posterior)
-    for percent, fill, line in ((95, 0.0, 0.28), (68, 0.07, 0.0)):
-        for index in spread_indices(polar, REGIONS_PER_TRACK):
-            frequency = significant([polar.frequency_mhz[index]])[0]
-            yield {
-                "type": "scatter",
-                "mode": "lines",
-                **_xy(region_outline(track.posterior, int(index), percent)),
-                "fill": "toself" if fill else "none",
-                "fillcolor": style.shade(fill),
-                "line": {"color": style.shade(line), "width": 0.8, "dash": "dot"},
-                "name": f"{percent} % region, {frequency} MHz",
-                "hoverinfo": "skip",
-                **_member(track, "region", percent=percent, frequency_mhz=frequency),
-            }
-
-
-def _selected_traces(track: TrackView, style: TrackStyle) -> Iterator[dict[str, Any]]:
-    """Regions of the one selected frequency: at first the middle of the track."""
-    frequency = polar_track(track.posterior).frequency_mhz
-    index = nearest_index(frequency, float(np.sqrt(frequency[0] * frequency[-1])))
-    shown = significant([frequency[index]])[0]
-    for percent, fill, line in ((95, 0.10, {"width": 1.5, "dash": "dash"}), (68, 0.22, {"width": 2})):
-        yield {
-            "type": "scatter",
-            "mode": "lines",
-            **_xy(region_outline(track.posterior, index, percent)),
-            "fill": "toself",
-            "fillcolor": style.shade(fill),
-            "line": {"color": style.colour, **line},
-            "name": f"{percent} % region at {shown} MHz",
-            "hoverinfo": "skip",
-            **_member(track, "selected", percent=percent, frequency_mhz=shown),
-        }
-
-
-def _spiral_traces(track: TrackView, style: TrackStyle) -> Iterator[dict[str, Any]]:
-    spiral = fitted_spiral(track.track_fit, np.linspace(1.0, AU_RSUN, SPIRAL_POINTS))
-    if spiral is None:
-        return
-    fit = track.track_fit["two_step"]
-    yield {
-        "type": "scatter",
-        "mode": "lines",
-        **_xy(spiral),
-        "line": {"color": style.colour, "width": 1.6, "dash": "longdash"},
-        "name": "Parker spiral",
-        "hovertemplate": f"<b>Parker spiral</b>, {edge_name(track.edge)}<br>φ₀ {written_68(fit['phi0_deg'])}° at 1 R☉"
-        f"<br>{_wind_remark(fit)}<extra></extra>",
-        **_member(track, "spiral"),
-    }
-
-
-def _band_traces(track: TrackView, style: TrackStyle) -> Iterator[dict[str, Any]]:
-    """Where the spiral of the joint fit lies, by its draws."""
-    band = spiral_band(track.posterior, np.linspace(1.0, AU_RSUN, BAND_POINTS))
-    if band is None:
-        return
-    for percent in PERCENTS:
-        shape = {"type": "scatter", "mode": "lines", "fill": "toself", "fillcolor": style.shade(0.08)}
-        role = _member(track, "spiral_band", percent=percent)
-        yield {**shape, **_xy(band_outline(band, percent)), "line": {"width": 0}, "hoverinfo": "skip", **role}
-
-
-def _wind_remark(fit: Mapping[str, Any]) -> str:
-    gap = wind_gap(fit)
-    return f"{gap}: no solar wind speed follows" if gap else f"solar wind {written_wind(fit)}"
-
-
-def _point_traces(track: TrackView, style: TrackStyle) -> Iterator[dict[str, Any]]:
-    polar = polar_track(track.posterior)
-    place = _xy(np.column_stack([polar.x_rsun, polar.y_rsun]))
-    log_frequency = listed(np.log10(polar.frequency_mhz), 3)
-    yield {
-        "type": "scatter",
-        "mode": "lines",
-        **place,
-        "line": {"color": style.colour, "width": 8},
-        "name": track.label,
-        "hoverinfo": "skip",
-        **_member(track, "band"),
-    }
-    yield {
-        "type": "scatter",
-        "mode": "markers",
-        **place,
-        "marker": {"size": 4.5, "color": log_frequency, "coloraxis": "coloraxis"},
-        "name": track.label,
-        "text": _hover_lines(track, polar),
-        "hovertemplate": f"<b>{track.label}</b><br>%{{text}}<extra></extra>",
-        **_member(track, "track"),
-    }
-    yield _anchor_trace(track, polar, style)
-
-
-def _anchor_trace(track: TrackView, polar: PolarTrack, style: TrackStyle) -> dict[str, Any]:
-    """The channels whose regions are drawn, with the marker that tells the tracks apart."""
-    anchors = spread_indices(polar, REGIONS_PER_TRACK)
-    lines = _hover_lines(track, polar)
-    return {
-        "type": "scatter",
-        "mode": "markers",
-        **_xy(np.column_stack([polar.x_rsun[anchors], polar.y_rsun[anchors]])),
-        "marker": {
-            "size": 9.5,
-            "symbol": style.symbol,
-            "color": listed(np.log10(polar.frequency_mhz[anchors]), 3),
-            "coloraxis": "coloraxis",
-            "line": {"color": style.colour, "width": 2.2},
-        },
-        "name": track.label,
-        "text": [lines[index] for index in anchors],
-        "hovertemplate": f"<b>{track.label}</b><br>%{{text}}<extra></extra>",
-        **_member(track, "anchor"),
-    }
-
-
-def _legend_trace(track: TrackView, style: TrackStyle) -> Iterator[dict[str, Any]]:
-    """Entry of the legend; a marker coloured by frequency would show as black there."""
-    yield {
-        "type": "scatter",
-        "mode": "lines+markers",
-        "x": [None],
-        "y": [None],
-        "line": {"color": style.colour, "width": 5},
-        "marker": {"size": 11, "symbol": style.symbol, "color": style.colour},
-        "name": track.label,
-        **_member(track, "legend"),
-        "showlegend": True,
-    }
-
-
-def _hover_lines(track: TrackView, polar: PolarTrack) -> list[str]:
-    area = track.posterior["area68_rsun2"].to_numpy()
-    contraction = track.posterior["contraction_v"].to_numpy()
-    return [
-        f"{polar.frequency_mhz[i]:.3g} MHz<br>{_from_sd(polar.range_rsun[i], polar.range_sd_rsun[i])} R☉<br>"
-        f"longitude {_from_sd(polar.longitude_deg[i], polar.longitude_sd_deg[i])}°<br>"
-        f"68 % area {area[i]:.0f} R☉²<br>{speed_remark(float(contraction[i]))}"
-        for i in range(len(area))
-    ]
-
-
-def _from_sd(middle: float, sd: float) -> str:
-    return written_68({"mean": float(middle), "sd": float(sd)})
-
-
-def _colour_bar(tracks: Sequence[TrackView]) -> dict[str, Any]:
-    """Marker without a place: the first trace with a colour scale owns the bar, whichever track is switched off."""
-    ends = _log_ends(tracks)
-    return {
-        "type": "scatter",
-        "mode": "markers",
-        "x": [None],
-        "y": [None],
-        "marker": {"color": [ends[0]], "coloraxis": "coloraxis"},
-        "hoverinfo": "skip",
-        "showlegend": False,
-        "meta": {"role": "scale", "log_frequency": list(ends)},
-    }
-
-
-def _log_ends(tracks: Sequence[TrackView]) -> tuple[float, float]:
-    channels = np.concatenate([track.posterior["frequency"].to_numpy() for track in tracks])
-    return float(np.log10(channels.min())), float(np.log10(channels.max()))
-
-
-def _layout(tracks: Sequence[TrackView]) -> dict[str, Any]:
-    reach = _reach(tracks)
-    axis = {"range": [-reach, reach], "zeroline": False, "showgrid": False, "ticks": "outside", "nticks": 7}
-    ticks = {"tickvals": listed(np.log10(FREQUENCY_TICKS_MHZ), 4), "ticktext": [f"{f:g}" for f in FREQUENCY_TICKS_MHZ]}
-    bar = {
-        "title": {"text": "MHz ", "side": "right", "font": {"size": 12}},
-        "orientation": "h",
-        "thickness": 9,
-        "len": 0.6,
-        "x": 0.5,
-        "yref": "container",
-        "y": 0.0,
-        "yanchor": "bottom",
-        "outlinewidth": 0,
-        **ticks,
-    }
-    return {
-        "xaxis": {**axis, "title": {"text": "HEE X (R☉), Earth to the right"}, "constrain": "domain"},
-        "yaxis": {**axis, "title": {"text": "HEE Y (R☉)"}, "scaleanchor": "x", "constrain": "domain"},
-        "coloraxis": {"colorscale": FREQUENCY_SCALE, "colorbar": bar},
-        "annotations": list(_ring_names(tracks)),
-        "legend": {"orientation": "h", "x": 0.0, "y": 1.01, "yanchor": "bottom", "groupclick": "togglegroup"},
-        "margin": {"l": 56, "r": 12, "t": 40, "b": 104},
-        "hovermode": "closest",
-        "dragmode": "zoom",
-        "font": {"family": "system-ui, sans-serif", "size": 13, "color": INK},
-        "paper_bgcolor": "rgba(0,0,0,0)",
-        "plot_bgcolor": "rgba(0,0,0,0)",
-        "hoverlabel": {"align": "left"},
-        "uirevision": "keep",
-        "meta": {"remark": APPARENT_SOURCE},
-    }
-
-
-def _ring_names(tracks: Sequence[TrackView]) -> Iterator[dict[str, Any]]:
-    """Names of the rings, on the side of the Sun where no track is."""
-    means = [(float(t.posterior["x_rsun"].mean()), float(t.posterior["y_rsun"].mean())) for t in tracks] or [
-        (-1.0, -1.0)
-    ]
-    x, y = np.sum(means, axis=0)
-    angle = np.arctan2(y, x) + np.pi
-    for ring in NAMED_RINGS_AU:
-        place = ring * AU_RSUN * np.array([np.cos(angle), np.sin(angle)])
-        yield {
-            "x": round(float(place[0]), 1),
-            "y": round(float(place[1]), 1),
-            "text": f"{ring:g} au",
-            "showarrow": False,
-            "font": {"size": 10.5, "color": "#7b8894"},
-        }
+def constellation_caption(frame: Frame) -> str:
+    """What the figure of the constellation shows, for a file of its own."""
+    named = {"hee": "HEE", "heeq": "HEEQ (Stonyhurst)", "carrington": "Carrington"}[frame]
+    return (
+        f"Track of a Type III burst seen from ecliptic north, Earth to the right; longitudes of the grid are {named}. "
+        "Dots: source at each frequency. Filled: 68 % regions, dotted: 95 %. Wedge: spiral of the joint fit, 68 and "
+        f"95 %. Thin dotted: spirals of a {NOMINAL_WIND_KM_S:g} km/s wind. {APPARENT_SOURCE.capitalize()}."
+    )

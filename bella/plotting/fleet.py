@@ -1,45 +1,40 @@
-"""One day as all spacecraft heard it: their spectra one above the other on one axis of UTC, with what was found."""
+"""One day as all spacecraft received it: their spectra one above the other on one axis of UTC, with what was found."""
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from datetime import date
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pandas as pd
 import xarray as xr
-from matplotlib.axes import Axes
-from matplotlib.figure import Figure
 
 from bella.exceptions import NoDataError
-from bella.plotting.boxes import draw_boxes, explain_boxes, part_labels, shown_detections
-from bella.plotting.day import (
-    NO_DATA,
-    POINTS_PER_INCH,
-    TITLE_LIFT_POINTS,
-    draw_intensity,
-    intensity_bar,
-    thinned,
-    time_axis,
-    write_title,
-)
-from bella.plotting.palette import BRIGHTNESS_SCALE
-from bella.plotting.printed import save_png
+from bella.flags import LOCALISABLE, REJECTED
+from bella.plotting.palette import BRIGHTNESS_SCALE, FREQUENCY_TICKS_MHZ
+from bella.plotting.printed import require_columns
+from bella.plotting.svg import Scale, element, figure, line, picture, time_of_day, unix_s, words, write_whole
 from bella.spectra import over_background
+from bella.units import DAY_S, FloatArray
 
-WIDTH_INCHES, PANEL_INCHES, FOOT_INCHES = 11.0, 2.3, 0.5
-SHOWN_RECORDS = 1440
-"""As many as the page has columns for them."""
+BOX_COLUMNS = ("observatory", "start_utc", "end_utc", "f_low_mhz", "f_high_mhz", "score", "tier", "reason")
+WIDTH, LEFT, RIGHT, PANEL, GAP, FOOT = 1240.0, 44.0, 20.0, 150.0, 26.0, 38.0
+COLUMNS, ROWS = 720, 100
+"""Of the picture of a day: two minutes wide, so that the page of four spacecraft stays below 200 kB."""
 
 LOWEST_MHZ = 0.02
 """Bursts end above it; what receivers of plasma waves measure below would take a third of the height."""
 
-LEGEND_DROP = 0.17
-COLOURS = 256
-"""Enough for a scale of brightness; the file is less than half the size."""
+LEAST_HIGHEST_DB, MOST_HIGHEST_DB, BRIGHTEST_SHARE = 6.0, 25.0, 0.997
+WIDEST_CHANNEL = 1.35
+"""A channel reaches no farther than to this times, or one over this, its own frequency: bands apart stay apart."""
+
+GAP_RECORDS = 0.75
+"""A record reaches no farther than this many usual steps; what is between records farther apart stays grey."""
 
 
-def write_day_png(path: Path, day: date, spectra: Sequence[xr.Dataset], detections: pd.DataFrame) -> None:
-    """Write the spectra of a day as a PNG, with what was found outlined; the file appears whole or not at all.
+def write_day_svg(path: Path, day: date, spectra: Sequence[xr.Dataset], detections: pd.DataFrame) -> None:
+    """Write the spectra of a day as SVG, with what was found outlined; the file appears whole or not at all.
 
     Parameters
     ----------
@@ -51,7 +46,7 @@ def write_day_png(path: Path, day: date, spectra: Sequence[xr.Dataset], detectio
         Dynamic spectra, at least one, each of another spacecraft; shown is dB over their background, which is not
         taken away a second time from what :func:`bella.spectra.over_background` returned.
     detections : pandas.DataFrame
-        Detection table. What was rejected is dashed, with its reason.
+        Detection table, of which each box leads to its burst. What was rejected is dashed.
 
     Raises
     ------
@@ -60,48 +55,101 @@ def write_day_png(path: Path, day: date, spectra: Sequence[xr.Dataset], detectio
     NoDataError
         If no spectrum is of the day.
     """
+    require_columns(detections, BOX_COLUMNS, "detection table")
     midnight = np.datetime64(day, "ns")
     until = midnight + np.timedelta64(1, "D")
-    parts = [_within(one, midnight, until) for one in spectra]
-    shown = [thinned(_over(one), SHOWN_RECORDS) for one in parts if one.sizes["time"] > 1]
+    parts = [one.sel(time=slice(midnight, until - np.timedelta64(1, "ns"))) for one in spectra]
+    shown = [one if "noise_db" in one else over_background(one) for one in parts if one.sizes["time"] > 1]
     if not shown:
         raise NoDataError(f"no spectrum has two records of {day}: there is nothing to draw")
-    figure = Figure(figsize=(WIDTH_INCHES, PANEL_INCHES * len(shown) + FOOT_INCHES), layout="constrained")
-    rows = figure.subplots(len(shown), 1, squeeze=False)[:, 0]
-    for axes, over in zip(rows, shown, strict=True):
-        _draw_spectrum(figure, axes, over)
-        axes.set_xlim(midnight, until)
-        axes.tick_params(labelbottom=axes is rows[-1])
-    rows[-1].set_xlabel("UTC")
-    _outline(figure, list(rows), [(over, shown_detections(detections, over)) for over in shown])
-    save_png(figure, path, colours=COLOURS)
+    first, last = unix_s([midnight, until])
+    time = Scale(float(first), float(last), LEFT, WIDTH - RIGHT)
+    height = len(shown) * (PANEL + GAP) + FOOT
+    drawn = [
+        part for row, over in enumerate(shown) for part in _panel(over, time, GAP + row * (PANEL + GAP), detections)
+    ]
+    names = ", ".join(str(over.attrs["observatory"]) for over in shown)
+    rejected = int((detections["tier"] == REJECTED).sum())
+    counts = f"{len(detections) - rejected} detections and {rejected} rejected candidates"
+    title = f"Dynamic spectra of {names} on {day} with {counts} outlined."
+    drawn_day = figure("day", (WIDTH, height), title, *drawn, *_hours(time, height - FOOT))
+    # without a style of its own: it becomes a part of the page
+    write_whole(path, drawn_day)
 
 
-def _within(spectrum: xr.Dataset, start: np.datetime64, stop: np.datetime64) -> xr.Dataset:
-    return spectrum.sel(time=slice(start, stop - np.timedelta64(1, "ns")))
+def _panel(over: xr.Dataset, time: Scale, top: float, detections: pd.DataFrame) -> Iterator[str]:
+    known = over.isel(frequency=~over["interpolated"].to_numpy().astype(bool)) if "interpolated" in over else over
+    frequency = known["frequency"].to_numpy().astype(np.float64)
+    low = max(float(frequency.min()) / 1.05, min(LOWEST_MHZ, 0.5 * float(frequency.max())))
+    scale = Scale(low, float(frequency.max()) * 1.05, top + PANEL, top, is_log=True)
+    box = {"x": time.start, "y": top, "width": time.end - time.start, "height": PANEL}
+    yield element("rect", **box, class_="no-data")
+    yield picture(_shares(known, time, scale), [colour for _, colour in BRIGHTNESS_SCALE], **box)
+    for tick in scale.among(FREQUENCY_TICKS_MHZ):
+        y = float(scale(tick))
+        yield line(time.start - 4, y, time.start, y, class_="axis")
+        yield words(f"{tick:g}", time.start - 7, y + 4, class_="tick", text_anchor="end")
+    name = str(over.attrs["observatory"])
+    yield words(name, time.start, top - 7, class_="panel-name")
+    receiver = f"MHz · {over.attrs.get('receiver', '')}, {over.sizes['frequency']} channels"
+    yield words(receiver, time.end, top - 7, class_="panel-unit", text_anchor="end")
+    own = detections[detections["observatory"] == name]
+    for row in own.to_dict("records"):
+        yield from _box({str(key): value for key, value in row.items()}, time, scale)
 
 
-def _over(spectrum: xr.Dataset) -> xr.Dataset:
-    return spectrum if "noise_db" in spectrum else over_background(spectrum)
+def _shares(over: xr.Dataset, time: Scale, scale: Scale) -> FloatArray:
+    """Means of the records in each column of the picture, from 0 to the brightest; NaN where there is no data."""
+    seconds, frequency = unix_s(over["time"].to_numpy()), over["frequency"].to_numpy().astype(np.float64)
+    values = over["intensity"].transpose("frequency", "time").to_numpy().astype(np.float64)
+    finite = values[np.isfinite(values)]
+    brightest = float(np.quantile(finite, BRIGHTEST_SHARE)) if finite.size else 0.0
+    highest = min(max(brightest, LEAST_HIGHEST_DB), MOST_HIGHEST_DB)
+    rows = np.geomspace(scale.high, scale.low, ROWS)
+    channel = np.abs(np.log(frequency[None, :] / rows[:, None])).argmin(axis=1)
+    shown = values[channel]
+    steps = np.diff(np.log(frequency))
+    widest = min(float(steps.max()) if steps.size else 0.0, np.log(WIDEST_CHANNEL))
+    shown[np.abs(np.log(frequency[channel] / rows)) > max(widest, 0.03), :] = np.nan
+    column_s = DAY_S / COLUMNS
+    record_s = float(np.median(np.diff(seconds)))
+    if record_s >= column_s:
+        columns = time.low + (np.arange(COLUMNS) + 0.5) * column_s
+        near = np.abs(seconds[None, :] - columns[:, None]).argmin(axis=1)
+        picked = shown[:, near]
+        picked[:, np.abs(seconds[near] - columns) > GAP_RECORDS * record_s] = np.nan
+    else:
+        place = np.clip(((seconds - time.low) / column_s).astype(int), 0, COLUMNS - 1)
+        total, count = np.zeros((2, ROWS, COLUMNS))
+        known = np.isfinite(shown)
+        np.add.at(total.T, place, np.where(known, shown, 0.0).T)
+        np.add.at(count.T, place, known.T.astype(float))
+        picked = np.where(count > 0, total / np.maximum(count, 1.0), np.nan)
+    return np.asarray(picked / highest)
 
 
-def _draw_spectrum(figure: Figure, axes: Axes, over: xr.Dataset) -> None:
-    axes.set_facecolor(NO_DATA)
-    mesh = draw_intensity(axes, over, BRIGHTNESS_SCALE)
-    intensity_bar(figure, axes, mesh, aspect=14).set_label("dB over background", fontsize=8)
-    time_axis(axes)
-    low, high = axes.get_ylim()
-    axes.set_ylim(max(low, min(LOWEST_MHZ, 0.5 * high)), high)
+def _box(row: dict[str, Any], time: Scale, scale: Scale) -> Iterator[str]:
+    """Outline of a detection, which leads to its burst; its onset above where that was localised."""
+    ends = np.clip(time(unix_s([row["start_utc"], row["end_utc"]])), time.start, time.end)
+    if ends[1] <= ends[0]:
+        return
+    low, high = (float(scale(row[name])) for name in ("f_low_mhz", "f_high_mhz"))
+    low, high = min(low + 2, scale.start), max(high - 2, scale.end)
+    tier = str(row["tier"])
+    onset = time_of_day(float(unix_s([row["start_utc"]])[0]))
+    burst = str(row.get("burst_id") or "")
+    said = f"{onset} {burst} {'no burst' if tier == REJECTED else tier} {row['reason']}".replace("_", " ").strip()
+    kind = f"box {'localised' if tier == LOCALISABLE else 'rejected' if tier == REJECTED else 'burst'}"
+    shape = element("rect", x=ends[0], y=high, width=float(ends[1] - ends[0]), height=low - high, class_=kind)
+    inside = [element("title", said), shape]
+    if tier == LOCALISABLE:
+        inside.append(words(onset, float(ends[0]), scale.end - 3, class_="onset-label"))
+    yield element("a", *inside, href=f"#{burst}") if burst else element("g", *inside)
 
 
-def _outline(figure: Figure, rows: Sequence[Axes], found: Sequence[tuple[xr.Dataset, pd.DataFrame]]) -> None:
-    """Draw boxes, their labels and the titles above them; the figure grows by what the labels need."""
-    labels = [draw_boxes(axes, table) for axes, (_, table) in zip(rows, found, strict=True)]
-    explain_boxes(rows[-1], pd.concat([table for _, table in found], ignore_index=True), LEGEND_DROP)
-    figure.draw_without_rendering()  # only now is it known how wide the spectra are, and what room labels have
-    grown_points = 0.0
-    for axes, own, (over, table) in zip(rows, labels, found, strict=True):
-        height = part_labels(axes, own, table) if own else 0.0
-        write_title(axes, over, TITLE_LIFT_POINTS + height)
-        grown_points += height
-    figure.set_figheight(figure.get_figheight() + grown_points / POINTS_PER_INCH)
+def _hours(time: Scale, top: float) -> Iterator[str]:
+    for hour in range(0, 25, 2):
+        x = float(time(time.low + hour * 3600.0))
+        yield line(x, top, x, top + 5, class_="axis")
+        kind = "tick" if hour % 6 == 0 else "tick wide"
+        yield words(f"{hour:02d}:00", x, top + 19, class_=kind, text_anchor="middle")

@@ -1,5 +1,6 @@
-"""What the figures of a track are drawn from: polar numbers, region outlines, spiral, receivers."""
+"""What the figures of a track are drawn from: polar numbers, region outlines, spiral and its bands, receivers."""
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
@@ -12,9 +13,10 @@ from bella.flags import NOT_CONSTRAINED
 from bella.heliosphere import spiral_longitude_deg
 from bella.units import FloatArray
 
-SPIRAL_POINTS = 160
-NEAR_NAME_RSUN = 40.0
-"""Spacecraft nearer than this to each other would have one name upon the other."""
+PERCENTS = (95, 68)
+"""The wider band first, as it is drawn."""
+
+ARC_POINTS = 24
 
 
 @dataclass(frozen=True)
@@ -134,33 +136,6 @@ def receiver_positions(posterior: xr.Dataset) -> dict[str, FloatArray]:
     return dict(zip(names, positions.to_numpy().astype(np.float64), strict=True))
 
 
-def fitted_spiral(track_fit: Mapping[str, Any], range_rsun: FloatArray) -> FloatArray | None:
-    """Parker spiral of the two-step fit as HEE x, y.
-
-    Parameters
-    ----------
-    track_fit : mapping
-        As kept in the catalogue.
-    range_rsun : ndarray, shape (m,)
-
-    Returns
-    -------
-    ndarray, shape (m, 2), or None
-        None where the track has no finite fit.
-    """
-    fit = track_fit.get("two_step") or {}
-    try:
-        phi0 = float(fit["phi0_deg"]["mean"])
-        speed = float(fit["v_sw_km_s"]["mean"])
-        period = float(track_fit["rotation_period_d"])
-    except (KeyError, TypeError):
-        return None
-    if not np.isfinite([phi0, speed, period]).all():
-        return None
-    longitude = np.radians(spiral_longitude_deg(range_rsun, phi0, speed, period))
-    return np.column_stack([range_rsun * np.cos(longitude), range_rsun * np.sin(longitude)])
-
-
 def speed_remark(contraction: float) -> str:
     """Sentence on whether the propagation speed was measured.
 
@@ -176,31 +151,160 @@ def speed_remark(contraction: float) -> str:
     return f"speed constrained (contraction {contraction:.2f})"
 
 
-def name_places(where_rsun: FloatArray) -> list[str]:
-    """Where the names of spacecraft stand on a map, in the words of plotly.
+def selected_regions(posterior: Any, frequency_mhz: float) -> dict[str, Any]:
+    """Numbers and outlines of the one channel nearest to a frequency.
 
     Parameters
     ----------
-    where_rsun : ndarray, shape (N, 3)
-        HEE, solar radii.
+    posterior : xarray.Dataset
+    frequency_mhz : float
 
     Returns
     -------
-    list of str
-        Outside the ring, except at the Earth, where the axis runs; on the other side of a spacecraft where the name
-        of one that came before it is near.
+    dict
+        ``frequency_mhz, x_rsun, y_rsun, range_rsun, range_sd_rsun, longitude_deg, longitude_sd_deg, area68_rsun2,
+        area95_rsun2, contraction_v, speed, region68, region95``; a region is ``{"x": [...], "y": [...]}`` with None
+        between its polygons.
     """
-    places: list[str] = []
-    for index, (x, y, _) in enumerate(where_rsun):
-        place = _outside(x, y)
-        near = np.linalg.norm(where_rsun[:index, :2] - (x, y), axis=1) < NEAR_NAME_RSUN
-        if any(other == place for other, close in zip(places, near, strict=True) if close):
-            place = place.replace("top", "bottom") if "top" in place else place.replace("bottom", "top")
-        places.append(place)
-    return places
+    track = polar_track(posterior)
+    index = nearest_index(track.frequency_mhz, frequency_mhz)
+    contraction = float(posterior["contraction_v"][index])
+    numbers = {
+        "frequency_mhz": significant([track.frequency_mhz[index]], 5)[0],
+        "x_rsun": listed(track.x_rsun[index : index + 1])[0],
+        "y_rsun": listed(track.y_rsun[index : index + 1])[0],
+        "range_rsun": listed(track.range_rsun[index : index + 1])[0],
+        "range_sd_rsun": listed(track.range_sd_rsun[index : index + 1])[0],
+        "longitude_deg": listed(track.longitude_deg[index : index + 1])[0],
+        "longitude_sd_deg": listed(track.longitude_sd_deg[index : index + 1])[0],
+        "area68_rsun2": significant([float(posterior["area68_rsun2"][index])])[0],
+        "area95_rsun2": significant([float(posterior["area95_rsun2"][index])])[0],
+        "contraction_v": listed([contraction], 3)[0],
+        "speed": speed_remark(contraction),
+    }
+    return numbers | {f"region{p}": _listed_outline(region_outline(posterior, index, p)) for p in (68, 95)}
 
 
-def _outside(x: float, y: float) -> str:
-    if abs(y) < 0.25 * abs(x):
-        return "top left" if x > 0 else "top right"
-    return "top center" if y > 0 else "bottom center"
+def _listed_outline(points: FloatArray) -> dict[str, Any]:
+    return {"x": listed(points[:, 0], 1), "y": listed(points[:, 1], 1)}
+
+
+@dataclass(frozen=True)
+class SpiralBand:
+    """Longitudes that the spirals of a posterior have at each distance.
+
+    Attributes
+    ----------
+    range_rsun : ndarray, shape (R,)
+    median_deg : ndarray, shape (R,)
+        HEE, without jumps of a turn.
+    low_deg, high_deg : dict of int to ndarray, shape (R,)
+        Ends of the interval that holds so many per cent of the draws at each distance, equal shares beyond either end.
+    """
+
+    range_rsun: FloatArray
+    median_deg: FloatArray
+    low_deg: dict[int, FloatArray]
+    high_deg: dict[int, FloatArray]
+
+
+def spiral_band(posterior: xr.Dataset, range_rsun: FloatArray) -> SpiralBand | None:
+    """Bands of the spiral of a joint fit.
+
+    Parameters
+    ----------
+    posterior : xarray.Dataset
+        A solution with the draws of its joint fit, as :func:`bella.tracks.with_joint_draws` returns it.
+    range_rsun : ndarray, shape (R,)
+        Solar radii, ascending.
+
+    Returns
+    -------
+    SpiralBand or None
+        None where a solution has no joint fit.
+
+    Notes
+    -----
+    Longitudes at 1 solar radius are taken within half a turn of their mean direction (Mardia & Jupp 2000, Directional
+    Statistics, chapter 2, doi:10.1002/9780470316979) and followed outward from there, so that a band across +-180
+    degrees is no wider than elsewhere.
+    """
+    if "joint_draws" not in posterior:
+        return None
+    drawn = posterior["joint_draws"]
+    phi0_deg, v_sw_km_s = (
+        drawn.sel(joint_parameter=name).to_numpy().astype(np.float64)[:, None] for name in ("phi0_deg", "v_sw_km_s")
+    )
+    period_d = float(drawn.attrs["rotation_period_d"])
+    longitude = spiral_longitude_deg(range_rsun, _beside_mean(phi0_deg), v_sw_km_s, period_d)
+    ends = {p: np.quantile(longitude, [0.5 - p / 200, 0.5 + p / 200], axis=0) for p in PERCENTS}
+    low, high = ({p: both[side] for p, both in ends.items()} for side in (0, 1))
+    return SpiralBand(range_rsun, np.median(longitude, axis=0), low, high)
+
+
+def _beside_mean(longitude_deg: FloatArray) -> FloatArray:
+    """Longitudes within half a turn of their mean direction, degrees."""
+    turned = np.exp(1j * np.radians(longitude_deg))
+    mean = turned.mean()
+    return np.asarray(np.degrees(np.angle(mean) + np.angle(turned * np.conj(mean))))
+
+
+def band_outline(band: SpiralBand, percent: int) -> FloatArray:
+    """Outline of a band in the plane.
+
+    Parameters
+    ----------
+    band : SpiralBand
+    percent : int
+        One of `PERCENTS`.
+
+    Returns
+    -------
+    ndarray, shape (2 R + A + 1, 2)
+        HEE x, y in solar radii; outward along one end, on an arc to the other and back along it, and closed.
+    """
+    low, high = band.low_deg[percent], band.high_deg[percent]
+    arc = np.linspace(low[-1], high[-1], ARC_POINTS)
+    longitude = np.radians(np.concatenate([low, arc, high[::-1]]))
+    distance = np.concatenate([band.range_rsun, np.full(ARC_POINTS, band.range_rsun[-1]), band.range_rsun[::-1]])
+    outline = np.column_stack([distance * np.cos(longitude), distance * np.sin(longitude)])
+    return np.concatenate([outline, outline[:1]])
+
+
+def listed(values: npt.ArrayLike, digits: int = 2) -> list[Any]:
+    """Numbers rounded to a number of decimals, None for what is not finite.
+
+    Parameters
+    ----------
+    values : array_like, any shape
+    digits : int
+        Decimals kept.
+
+    Returns
+    -------
+    list
+        Nested as the array is.
+    """
+    array = np.round(np.asarray(values, dtype=np.float64), digits)
+    return _without_nan(array.tolist())
+
+
+def significant(values: npt.ArrayLike, digits: int = 4) -> list[Any]:
+    """Numbers rounded to a number of significant digits, None for what is not finite.
+
+    Parameters
+    ----------
+    values : array_like, one-dimensional
+    digits : int
+
+    Returns
+    -------
+    list of float or None
+    """
+    return [float(f"{value:.{digits}g}") if math.isfinite(value) else None for value in np.asarray(values, dtype=float)]
+
+
+def _without_nan(values: list[Any]) -> list[Any]:
+    if values and isinstance(values[0], list):
+        return [_without_nan(row) for row in values]
+    return [value if math.isfinite(value) else None for value in values]

@@ -18,8 +18,7 @@ from matplotlib.figure import Figure
 from bella.exceptions import InputError
 from bella.plotting.day import shown_day
 from bella.plotting.palette import INK, TrackStyle, edge_name, track_style
-from bella.plotting.printed import save_png
-from bella.plotting.tables import ARRIVAL_COLUMNS, FLAGGED, day_numbers, is_flagged, require_columns
+from bella.plotting.printed import ARRIVAL_COLUMNS, FLAGGED, day_numbers, is_flagged, require_columns, save_png
 from bella.spectra import power_above_background, sample_times
 from bella.units import DAY_S, FloatArray
 

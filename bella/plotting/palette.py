@@ -9,17 +9,12 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True)
 class TrackStyle:
-    """How one track is drawn: a colour, the same colour as numbers, and a marker in both plotting languages."""
+    """How one track is drawn: its name in `figure.css`, a colour, the same colour as numbers, and a marker."""
 
+    name: str
     colour: str
     rgb: tuple[int, int, int]
-    symbol: str
     printed_marker: str
-
-    def shade(self, opacity: float) -> str:
-        """Colour with an opacity between 0 and 1, as CSS."""
-        red, green, blue = self.rgb
-        return f"rgba({red},{green},{blue},{opacity:g})"
 
     def shade_rgba(self, opacity: float) -> tuple[float, float, float, float]:
         """Colour with an opacity between 0 and 1, as matplotlib takes it."""
@@ -27,17 +22,17 @@ class TrackStyle:
         return red, green, blue, opacity
 
 
-def _style(colour: str, symbol: str, printed_marker: str) -> TrackStyle:
+def _style(name: str, colour: str, printed_marker: str) -> TrackStyle:
     red, green, blue = (int(colour[i : i + 2], 16) for i in (1, 3, 5))
-    return TrackStyle(colour, (red, green, blue), symbol, printed_marker)
+    return TrackStyle(name, colour, (red, green, blue), printed_marker)
 
 
 TRACK_STYLES = (
-    _style("#1f7fc1", "circle", "o"),
-    _style("#d95f02", "diamond", "D"),
-    _style("#11936b", "square", "s"),
-    _style("#b8508f", "triangle-up", "^"),
-    _style("#7a6a1c", "cross", "P"),
+    _style("gauss_hermite", "#1f7fc1", "o"),
+    _style("half_maximum", "#d95f02", "D"),
+    _style("half_rise", "#11936b", "s"),
+    _style("shared_profile", "#b8508f", "^"),
+    _style("another", "#7a6a1c", "P"),
 )
 
 EDGE_NAMES = {

@@ -1,27 +1,37 @@
 """Dynamic spectra of all spacecraft, one above the other, with the edges that were timed drawn on them."""
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
-from typing import Any
+from dataclasses import dataclass, field, replace
+from typing import Literal
 
 import numpy as np
 import numpy.typing as npt
 import pandas as pd
 import xarray as xr
 
-from bella.plotting.listing import listed, significant, stamps
-from bella.plotting.palette import FREQUENCY_TICKS_MHZ, INK, INTENSITY_SCALE, TrackStyle, edge_name, track_style
+from bella.plotting.palette import FREQUENCY_TICKS_MHZ, INTENSITY_SCALE, edge_name, track_style
+from bella.plotting.svg import Scale, element, figure, line, path, picture, time_of_day, unix_s, words
 from bella.spacecraft import OBSERVATORIES
-from bella.units import FloatArray
+from bella.units import DAY_S, FloatArray
+
+Clock = Literal["spacecraft", "sun", "earth"]
+"""On whose clock the spectra stand: as each spacecraft received them, or as light left the Sun, or came to Earth."""
+
+CLOCK_NAMES: dict[Clock, str] = {
+    "spacecraft": "UTC at each spacecraft",
+    "sun": "UTC at the Sun: less the light time to each spacecraft",
+    "earth": "UTC at Earth: less the light time to each spacecraft, with that to Earth",
+}
 
 MAX_RECORDS = 600
 MAX_CHANNELS = 240
-POINTS_PER_EDGE = 16
 BAND_MARGIN = 1.3
-NO_DATA = "rgba(110,125,140,0.3)"
-PANEL_GAP = 0.035
-TOP_PX = 72
-"""Room above the panels for the legend, and above that for the toolbar."""
+BEFORE_S, AFTER_SHARE = 180.0, 0.6
+"""Time shown before the first edge, and after the last one as a share of the time between them."""
+
+WIDTH, LEFT, RIGHT, TOP, BOTTOM, GAP = 620.0, 46.0, 8.0, 22.0, 42.0, 24.0
+HEIGHT = 560.0
+PICTURE_ROWS = 120
 
 QUANTITY_NAMES = {
     "db_over_background": "dB over background",
@@ -61,8 +71,36 @@ class TimedEdge:
     sigma_s: FloatArray
 
 
-def spectra_figure(spectra: xr.DataTree, arrivals: Mapping[str, pd.DataFrame | xr.Dataset]) -> dict[str, Any]:
-    """Plotly figure of the spectra of one burst.
+Edges = Mapping[str, Mapping[str, TimedEdge]]
+
+
+@dataclass(frozen=True)
+class SpectraView:
+    """What of spectra is shown.
+
+    Attributes
+    ----------
+    clock : str
+        Whose time the shifts make.
+    shift_s : mapping of str to float
+        Seconds that are added to the times of a spacecraft.
+    span_s : (float, float) or None
+        Seconds since 1970; without it, around the edges.
+    band_mhz : (float, float) or None
+        Without it, around the edges.
+    frequency_mhz : float or None
+        Marked by a line.
+    """
+
+    clock: Clock = "spacecraft"
+    shift_s: Mapping[str, float] = field(default_factory=dict)
+    span_s: tuple[float, float] | None = None
+    band_mhz: tuple[float, float] | None = None
+    frequency_mhz: float | None = None
+
+
+def spectra_figure(spectra: xr.DataTree, arrivals: Mapping[str, pd.DataFrame | xr.Dataset], look: SpectraView) -> str:
+    """Figure of the spectra of one burst, SVG.
 
     Parameters
     ----------
@@ -70,20 +108,64 @@ def spectra_figure(spectra: xr.DataTree, arrivals: Mapping[str, pd.DataFrame | x
         One child per observatory, each a DynamicSpectrum.
     arrivals : mapping of str to pandas.DataFrame or xarray.Dataset
         Edge definition to its arrival table, or to a posterior that holds ``arrival_s``.
+    look : SpectraView
 
     Returns
     -------
-    dict
-        ``data`` and ``layout``, only lists, numbers, text and None. Edges name their definition in ``legendgroup``.
+    str
     """
-    panels = burst_panels(spectra)
-    edges = {edge: timed_edges(table) for edge, table in arrivals.items()}
-    traces = [_heatmap(panel, row) for row, panel in enumerate(panels)]
-    for index, (edge, timed) in enumerate(edges.items()):
-        drawn = [(row, timed[panel.observatory]) for row, panel in enumerate(panels) if panel.observatory in timed]
-        for place, (row, points) in enumerate(drawn):
-            traces.append(_edge_trace(edge, points, row, track_style(edge, index), in_legend=place == 0))
-    return {"data": traces, "layout": _layout(panels, shown_band(panels, edges.values()))}
+    shift = look.shift_s
+    panels = [_shifted_panel(panel, shift.get(panel.observatory, 0.0)) for panel in burst_panels(spectra)]
+    edges = {
+        edge: {name: _shifted_edge(one, shift.get(name, 0.0)) for name, one in timed_edges(table).items()}
+        for edge, table in arrivals.items()
+    }
+    time = Scale(*(look.span_s or shown_span(panels, edges)), LEFT, WIDTH - RIGHT)
+    low, high = look.band_mhz or shown_band(panels, edges.values())
+    count = max(len(panels), 1)
+    height = (HEIGHT - TOP - BOTTOM - GAP * (count - 1)) / count
+    tops = [TOP + row * (height + GAP) for row in range(count)]
+    scales = [Scale(low, high, top + height, top, is_log=True) for top in tops]
+    drawn = [
+        part
+        for panel, scale in zip(panels, scales, strict=False)
+        for part in _panel_parts(panel, edges, time, scale, look.frequency_mhz)
+    ]
+    names = ", ".join(panel.observatory for panel in panels)
+    title = f"Dynamic spectra of {names} on a common time axis, with the timed edges drawn on them."
+    return figure(
+        "spectra",
+        (WIDTH, HEIGHT),
+        title,
+        *drawn,
+        *_time_axis(time, HEIGHT - BOTTOM, CLOCK_NAMES[look.clock]),
+        data_time=f"{time.low:.3f},{time.high:.3f}",
+        data_band=f"{low:.5g},{high:.5g}",
+        data_across=f"{LEFT:g},{WIDTH - RIGHT:g}",
+        data_tops=",".join(f"{top:.1f}" for top in tops),
+        data_height=f"{height:.1f}",
+        data_names=",".join(panel.observatory for panel in panels),
+    )
+
+
+def _shifted_panel(panel: Panel, shift_s: float) -> Panel:
+    return replace(panel, time=panel.time + np.timedelta64(round(shift_s * 1e9), "ns"))
+
+
+def _shifted_edge(edge: TimedEdge, shift_s: float) -> TimedEdge:
+    return replace(edge, time=edge.time + np.timedelta64(round(shift_s * 1e9), "ns"))
+
+
+def shown_span(panels: Sequence[Panel], edges: Edges) -> tuple[float, float]:
+    """Time to show first, seconds since 1970: around the edges, or all where none were timed."""
+    ends = [unix_s(panel.time[[0, -1]]) for panel in panels if panel.time.size]
+    first, last = (float(np.min(ends)), float(np.max(ends))) if ends else (0.0, DAY_S)
+    timed = [unix_s(one.time) for edge in edges.values() for one in edge.values() if one.time.size]
+    if timed:
+        early, late = float(min(map(np.min, timed))), float(max(map(np.max, timed)))
+        first = max(first, early - BEFORE_S)
+        last = min(last, late + max(AFTER_SHARE * (late - early), 2 * BEFORE_S))
+    return (first, last) if last > first else (first, first + DAY_S)
 
 
 def shown_band(panels: Sequence[Panel], edges: Iterable[Mapping[str, TimedEdge]]) -> tuple[float, float]:
@@ -105,7 +187,7 @@ def shown_band(panels: Sequence[Panel], edges: Iterable[Mapping[str, TimedEdge]]
         channels = np.concatenate(timed)
         return float(channels.min()) / BAND_MARGIN, float(channels.max()) * BAND_MARGIN
     channels = np.concatenate([panel.frequency_mhz for panel in panels] or [np.array([0.1, 10.0])])
-    return float(channels.min()), float(channels.max())
+    return float(channels.min()) / BAND_MARGIN, float(channels.max()) * BAND_MARGIN
 
 
 def burst_panels(spectra: xr.DataTree) -> list[Panel]:
@@ -176,10 +258,6 @@ def _panel(observatory: str, spectrum: xr.Dataset) -> Panel:
     )
 
 
-def _axis_name(letter: str, row: int) -> str:
-    return letter if row == 0 else f"{letter}{row + 1}"
-
-
 def _colour_range(panel: Panel) -> tuple[float, float]:
     """From the median, which is the quiet sky, to nearly the brightest."""
     finite = panel.intensity[np.isfinite(panel.intensity)]
@@ -189,124 +267,77 @@ def _colour_range(panel: Panel) -> tuple[float, float]:
     return float(low), float(high) if high > low else float(low) + 1.0
 
 
-def _heatmap(panel: Panel, row: int) -> dict[str, Any]:
+def sampled(panel: Panel, time: Scale, frequency: Scale) -> FloatArray:
+    """Share of the colour range in each cell of a picture, the highest frequency on top; NaN where there is no data."""
     low, high = _colour_range(panel)
+    seconds, rows = unix_s(panel.time), np.geomspace(frequency.high, frequency.low, PICTURE_ROWS)
+    columns = np.linspace(time.low, time.high, 2 * int(abs(time.end - time.start) / 2))
+    near, record_s = _nearest(seconds, columns), float(np.median(np.diff(seconds))) if seconds.size > 1 else 60.0
+    channel = _nearest(np.log(panel.frequency_mhz), np.log(rows))
+    ratio = np.abs(np.log(panel.frequency_mhz[channel] / rows))
+    steps = np.diff(np.log(panel.frequency_mhz))
+    widest = float(steps.max()) if steps.size else 0.3
+    values = (panel.intensity[np.ix_(channel, near)] - low) / (high - low)
+    values[:, np.abs(seconds[near] - columns) > 0.75 * record_s] = np.nan
+    values[ratio > min(max(widest, 0.02), 0.35), :] = np.nan
+    return np.asarray(values)
+
+
+def _nearest(ascending: FloatArray, wanted: FloatArray) -> npt.NDArray[np.intp]:
+    if ascending.size < 2:
+        return np.zeros(wanted.size, dtype=np.intp)
+    return np.searchsorted(0.5 * (ascending[1:] + ascending[:-1]), wanted)
+
+
+def _panel_parts(
+    panel: Panel, edges: Edges, time: Scale, frequency: Scale, frequency_mhz: float | None
+) -> Iterator[str]:
+    top, bottom, width = frequency.end, frequency.start, time.end - time.start
+    box = {"x": time.start, "y": top, "width": width, "height": bottom - top}
+    yield element("rect", **box, class_="no-data")
+    yield picture(sampled(panel, time, frequency), [colour for _, colour in INTENSITY_SCALE], **box)
+    for tick in frequency.among(FREQUENCY_TICKS_MHZ):
+        y = float(frequency(tick))
+        yield line(time.start - 4, y, time.start, y, class_="axis")
+        yield words(f"{tick:g}", time.start - 7, y + 4, class_="tick", text_anchor="end")
     unit = QUANTITY_NAMES.get(panel.quantity, panel.quantity)
-    scale = max(abs(low), abs(high))
-    digits = max(0, 3 - int(np.floor(np.log10(scale)))) if scale > 0 else 3
-    return {
-        "type": "heatmap",
-        "name": panel.observatory,
-        "x": stamps(panel.time),
-        "y": significant(panel.frequency_mhz, 5),
-        "z": listed(panel.intensity, digits),
-        "zmin": low,
-        "zmax": high,
-        "colorscale": INTENSITY_SCALE,
-        "showscale": False,
-        "xaxis": "x",
-        "yaxis": _axis_name("y", row),
-        "hovertemplate": f"<b>{panel.observatory}</b><br>%{{x|%H:%M:%S}} UTC<br>%{{y:.3f}} MHz<br>%{{z:.3g}} {unit}"
-        "<extra></extra>",
-        "meta": {"role": "spectrum", "observatory": panel.observatory},
-    }
+    yield words(f"{panel.observatory}", time.start, top - 6, class_="panel-name")
+    yield words(f"MHz · {unit}", time.end, top - 6, class_="panel-unit", text_anchor="end")
+    inner = [
+        _edge_parts(edge, timed[panel.observatory], time, frequency)
+        for edge, timed in edges.items()
+        if panel.observatory in timed
+    ]
+    yield element("g", *(part for parts in inner for part in parts), class_="edges")
+    y = float(frequency(frequency_mhz)) if frequency_mhz is not None and frequency.holds(frequency_mhz) else -9.0
+    yield line(time.start, y, time.end, y, class_="frequency")
 
 
-def _edge_trace(edge: str, points: TimedEdge, row: int, style: TrackStyle, *, in_legend: bool) -> dict[str, Any]:
-    kept = np.unique(np.linspace(0, len(points.time) - 1, POINTS_PER_EDGE).astype(np.intp))
-    kept = kept[kept >= 0]
-    return {
-        "type": "scatter",
-        "mode": "lines+markers",
-        "name": edge_name(edge),
-        "x": stamps(points.time[kept]),
-        "y": significant(points.frequency_mhz[kept], 5),
-        "customdata": listed(points.sigma_s[kept], 1),
-        "line": {"color": style.colour, "width": 2.5},
-        "marker": {"symbol": style.symbol, "size": 6, "color": style.colour, "line": {"color": "#fff", "width": 1}},
-        "xaxis": "x",
-        "yaxis": _axis_name("y", row),
-        "hovertemplate": f"<b>{edge_name(edge)}</b><br>%{{x|%H:%M:%S}} ± %{{customdata}} s<br>%{{y:.3g}} MHz"
-        "<extra></extra>",
-        "legendgroup": edge,
-        "showlegend": in_legend,
-        "meta": {"role": "edge", "edge": edge},
-    }
+def _edge_parts(edge: str, points: TimedEdge, time: Scale, frequency: Scale) -> Iterator[str]:
+    seconds = unix_s(points.time)
+    shown = (seconds >= time.low) & (seconds <= time.high)
+    shown &= (points.frequency_mhz >= frequency.low) & (points.frequency_mhz <= frequency.high)
+    if not shown.any():
+        return
+    style = track_style(edge, 0)
+    places = np.column_stack([time(seconds), frequency(points.frequency_mhz)])
+    places[~shown] = np.nan
+    said = element("title", f"{edge_name(edge)}: the times that were used")
+    yield element("g", said, path(places, class_="edge-under"), path(places, class_=f"edge-line edge-{style.name}"))
 
 
-def _layout(panels: list[Panel], band: tuple[float, float]) -> dict[str, Any]:
-    count = max(len(panels), 1)
-    height = (1.0 - PANEL_GAP * (count - 1)) / count
-    bottoms = [1.0 - (row + 1) * height - row * PANEL_GAP for row in range(count)]
-    axes = {
-        f"yaxis{'' if row == 0 else row + 1}": _frequency_axis(bottom, height, row, band)
-        for row, bottom in enumerate(bottoms)
-    }
-    return {
-        **axes,
-        "xaxis": {
-            "type": "date",
-            "title": {"text": _day(panels)},
-            "anchor": _axis_name("y", count - 1),
-            "hoverformat": "%H:%M:%S",
-            "tickformat": "%H:%M",
-            "ticks": "outside",
-            "showgrid": False,
-            **_common_time(panels),
-        },
-        "annotations": list(_panel_names(panels, bottoms, height)),
-        "legend": {"orientation": "h", "x": 0.0, "y": 1.01, "yanchor": "bottom", "groupclick": "togglegroup"},
-        "margin": {"l": 56, "r": 10, "t": TOP_PX, "b": 50},
-        "hovermode": "closest",
-        "dragmode": "zoom",
-        "font": {"family": "system-ui, sans-serif", "size": 13, "color": INK},
-        "paper_bgcolor": "rgba(0,0,0,0)",
-        "plot_bgcolor": NO_DATA,
-        "hoverlabel": {"align": "left"},
-        "uirevision": "keep",
-    }
+def _time_axis(time: Scale, top: float, name: str) -> Iterator[str]:
+    ticks = time.time_ticks()
+    step = ticks[1] - ticks[0] if len(ticks) > 1 else 60.0
+    for index, tick in enumerate(ticks):
+        x = float(time(tick))
+        yield line(x, top, x, top + 5, class_="axis")
+        kind = "tick" if index % 2 == 0 else "tick wide"
+        yield words(time_of_day(tick, step), x, top + 19, class_=kind, text_anchor="middle")
+    day = str(np.datetime64(round(time.low), "s").astype("datetime64[D]"))
+    yield words(f"{day}, {name}", 0.5 * (time.start + time.end), top + 37, class_="axis-name", text_anchor="middle")
 
 
-def _frequency_axis(bottom: float, height: float, row: int, band: tuple[float, float]) -> dict[str, Any]:
-    axis = {
-        "type": "log",
-        "range": listed(np.log10(band), 4),
-        "domain": [round(max(bottom, 0.0), 4), round(min(bottom + height, 1.0), 4)],
-        "title": {"text": "MHz"},
-        "tickvals": list(FREQUENCY_TICKS_MHZ),
-        "ticktext": [f"{frequency:g}" for frequency in FREQUENCY_TICKS_MHZ],
-        "ticks": "outside",
-        "showgrid": False,
-        "zeroline": False,
-    }
-    return axis if row == 0 else {**axis, "matches": "y"}
-
-
-def _day(panels: list[Panel]) -> str:
-    days = sorted({str(panel.time[0].astype("datetime64[D]")) for panel in panels if panel.time.size})
-    return f"UTC on {days[0]}" if days else "UTC"
-
-
-def _common_time(panels: list[Panel]) -> dict[str, Any]:
-    shown = [panel.time for panel in panels if panel.time.size]
-    if not shown:
-        return {}
-    ends = np.array([max(time[0] for time in shown), min(time[-1] for time in shown)])
-    return {"range": stamps(ends)} if ends[0] < ends[1] else {}
-
-
-def _panel_names(panels: list[Panel], bottoms: list[float], height: float) -> Iterator[dict[str, Any]]:
-    for panel, bottom in zip(panels, bottoms, strict=False):
-        yield {
-            "text": f"<b>{panel.observatory}</b>  {QUANTITY_NAMES.get(panel.quantity, panel.quantity)}",
-            "xref": "paper",
-            "yref": "paper",
-            "x": 0.995,
-            "y": round(bottom + height - 0.012, 4),
-            "xanchor": "right",
-            "yanchor": "top",
-            "showarrow": False,
-            "bgcolor": "rgba(15,25,40,0.72)",
-            "borderpad": 3,
-            "font": {"color": "#ffffff", "size": 11.5},
-        }
+def spectra_caption(clock: Clock) -> str:
+    """What the figure of the spectra shows, for a file of its own."""
+    return f"Dynamic spectra of a Type III burst with the arrival times that were used; {CLOCK_NAMES[clock]}."

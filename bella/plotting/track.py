@@ -20,10 +20,9 @@ from bella.heliosphere import DENSITY_MODELS, emission_frequency_mhz, spiral_lon
 from bella.heliosphere.density import CORONA_RSUN
 from bella.heliosphere.parker import SPIRAL_ORIGIN_RSUN
 from bella.heliosphere.polar import has_longitude, planar_positions, polar_covariance
-from bella.plotting.geometry import PolarTrack, polar_track, spread_indices
+from bella.plotting.geometry import PERCENTS, PolarTrack, SpiralBand, polar_track, spiral_band, spread_indices
 from bella.plotting.palette import FREQUENCY_TICKS_MHZ, TRACK_STYLES
 from bella.plotting.printed import save_png
-from bella.plotting.spiral_band import PERCENTS, SpiralBand, spiral_band
 from bella.units import AU_RSUN, FloatArray
 
 ELLIPSES = 14

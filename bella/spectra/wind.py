@@ -4,6 +4,7 @@ The CDFs are at 1 minute (H1), at native cadence (L2), key parameters (K0), and 
 """
 
 import struct
+from datetime import datetime
 from pathlib import Path
 from typing import Any
 
@@ -305,6 +306,7 @@ def _header_times(headers: list[tuple[int, ...]], source: str) -> npt.NDArray[np
     for row, header in enumerate(headers):
         date = "{:04d}-{:02d}-{:02d}T{:02d}:{:02d}:{:02d}".format(*header[3:9])
         try:
+            datetime.fromisoformat(date)  # numpy takes a damaged minute for an offset from UTC
             calendar[row] = np.datetime64(date, "s")
         except ValueError as error:
             raise InputError(f"{source}: record {row + 1} has the date {date}: download it again") from error

@@ -20,6 +20,9 @@ PLACED = "T3-20200721-0300"
 GROUP = {"tier": "catalogued", "reason": "not localisable: heard by 2 of 3 spacecraft, gap_in_flank at SOLO"}
 REFUSED = {"tier": "rejected", "reason": "few_channels_above_0.8_mhz", "burst_id": ""}
 
+TABLE = '<table class="days">'
+DRAWN = '<svg xmlns="http://www.w3.org/2000/svg" class="figure day"><title>day</title></svg>'
+
 
 @pytest.fixture(scope="module")
 def home(tmp_path_factory: pytest.TempPathFactory) -> Settings:
@@ -40,7 +43,7 @@ def home(tmp_path_factory: pytest.TempPathFactory) -> Settings:
         published(settings, catalogue, burst=synthetic_burst())
     figure = settings.day_figure(DAY.day)
     figure.parent.mkdir(parents=True)
-    figure.write_bytes(b"\x89PNG\r\n\x1a\n")
+    figure.write_text(DRAWN)
     return settings
 
 
@@ -95,14 +98,15 @@ def test_bad_questions_are_answered_in_one_line_and_on_the_page(reader: TestClie
 
 def test_the_figure_is_sent_once_and_again_when_it_was_redrawn(reader: TestClient, home: Settings) -> None:
     first = reader.get("/api/v1/days/2020-07-21/figure")
-    assert (first.status_code, first.headers["content-type"]) == (200, "image/png")
+    assert (first.status_code, first.headers["content-type"]) == (200, "image/svg+xml")
     known = {"If-None-Match": first.headers["etag"]}
     assert reader.get("/api/v1/days/2020-07-21/figure", headers=known).status_code == 304
 
-    home.day_figure(DAY.day).write_bytes(b"\x89PNG\r\n\x1a\nredrawn")
+    home.day_figure(DAY.day).write_text(DRAWN.replace(">day<", ">redrawn<"))
     again = reader.get("/api/v1/days/2020-07-21/figure", headers=known)
 
-    assert (again.status_code, again.content[8:]) == (200, b"redrawn")
+    assert again.status_code == 200
+    assert ">redrawn</title>" in again.text
     missing = reader.get("/api/v1/days/2020-07-22/figure")
     assert missing.status_code == 404
     assert "bella run --from 2020-07-22" in missing.json()["detail"]
@@ -110,6 +114,8 @@ def test_the_figure_is_sent_once_and_again_when_it_was_redrawn(reader: TestClien
 
 def test_the_list_of_days_is_by_month_and_pages(reader: TestClient) -> None:
     text = page(reader, "/days")
+    assert re.findall(r'href="/days/([0-9-]+)"', text[: text.index(TABLE)])[-1] == "2020-06-11", "the calendar"
+    text = text[text.index(TABLE) :] + text[: text.index(TABLE)]
     assert re.findall(r'scope="rowgroup" colspan="7">([^<]+)<', text) == ["August 2020", "July 2020", "June 2020"]
     assert re.findall(r'href="/days/([0-9-]+)"', text)[0] == "2020-08-10"
     assert "5 days." in text
@@ -120,6 +126,7 @@ def test_the_list_of_days_is_by_month_and_pages(reader: TestClient) -> None:
     assert "Showing the newest 3 of 5 days" in text
     (onward,) = re.findall(r'href="(/days\?[^"]+)" rel="next"', text)
     text = page(reader, onward.replace("&amp;", "&"))
+    text = text[text.index(TABLE) :]
     assert re.findall(r'href="/days/([0-9-]+)"', text) == ["2020-07-20", "2020-06-11"]
     assert "Newest days" in text
 
@@ -154,7 +161,7 @@ def test_a_day_shows_bursts_with_why_they_were_not_placed(reader: TestClient) ->
     rejected = text[text.index("<details>") : text.index("</details>")]
     assert "1 rejected candidate<" in rejected
     assert "few channels above 0.8 MHz" in rejected
-    assert 'src="/api/v1/days/2020-07-21/figure"' in text
+    assert 'class="figure day"' in text
 
 
 def test_a_day_leads_to_the_searched_days_beside_it(reader: TestClient) -> None:
@@ -203,11 +210,13 @@ def test_answers_about_days_look_different_and_say_why(empty: Settings) -> None:
             catalogue.record_day(replace(DAY, day=day, answer=answer, reason=reason), [])
     with TestClient(create_app(empty)) as client:
         listed = page(client, "/days")
+        calendar, listed = listed[: listed.index(TABLE)], listed[listed.index(TABLE) :]
         sentences = set()
         for day, answer in days.items():
             name = f"answer-{answer.replace(' ', '-')}"
             row = listed[listed.index(f'href="/days/{day}"') :].split("</tr>")[0]
             assert name in row
+            assert f"strip {name}" in calendar
             assert f">{answer}</span>" in row
             assert reason in row
             text = page(client, f"/days/{day}")

@@ -122,12 +122,12 @@ def test_links_of_a_simulated_day_stay_with_it(reader: TestClient) -> None:
 
 
 def test_figures_of_a_simulated_day_are_its_own(reader: TestClient, home: Settings) -> None:
-    for origin, text in ((Origin.ARCHIVE, b"real"), (Origin.SIMULATED, b"drawn")):
+    for origin, text in ((Origin.ARCHIVE, "real"), (Origin.SIMULATED, "drawn")):
         path = home.day_figure(DAY.day, origin)
         path.parent.mkdir(parents=True, exist_ok=True)
-        path.write_bytes(text)
-    assert reader.get("/api/v1/days/2020-07-21/figure").content == b"real"
-    assert reader.get("/api/v1/days/2020-07-21/figure?origin=simulated").content == b"drawn"
+        path.write_text(f"<svg>{text}</svg>")
+    assert reader.get("/api/v1/days/2020-07-21/figure").text.endswith("real</svg>")
+    assert reader.get("/api/v1/days/2020-07-21/figure?origin=simulated").text.endswith("drawn</svg>")
     assert reader.get("/api/v1/days/2020-07-21/figure?origin=test").status_code == 404
 
 

@@ -41,11 +41,8 @@ class Watch:
     complaints: list[str] = field(default_factory=list)
 
     def open(self, path: str) -> Page:
-        """Load a page; the burst page is ready when both figures are drawn."""
+        """Load a page."""
         self.page.goto(self.address + path)
-        if path.startswith("/bursts/"):
-            self.page.wait_for_selector("body[data-drawn='2']")
-            self.page.wait_for_selector("#selected-rows tr")
         return self.page
 
     def photograph(self, name: str, **more: Any) -> Path:

@@ -12,10 +12,9 @@ DAY = "/days/2012-06-07"
 
 
 def loaded_figure(page: Page) -> None:
-    """Wait until the picture of the day has come, and is one."""
-    expect(page.locator(".drawn-day img")).to_be_visible()
-    page.wait_for_load_state("load")
-    assert page.evaluate("document.querySelector('.drawn-day img').naturalWidth") > 1000
+    """The day is drawn with its boxes."""
+    expect(page.locator("svg.day image")).to_have_count(3)
+    expect(page.locator("svg.day .box.localised")).to_have_count(3)
 
 
 def fits_across(page: Page) -> bool:
@@ -28,13 +27,15 @@ def test_from_the_catalogue_to_a_day_to_a_burst_and_back(watch: Watch) -> None:
     expect(page.get_by_role("heading", level=1)).to_have_text("Searched days")
     expect(page.locator("table.days tbody tr:not(.month)")).to_have_count(3)
     watch.photograph("days", full_page=True)
-    page.get_by_role("link", name="2012-06-07").click()
+    expect(page.locator("svg.strips .strip")).to_have_count(3)
+    page.locator("table.days").get_by_role("link", name="2012-06-07").click()
     loaded_figure(page)
+    page.locator("svg.day a", has=page.locator(".box.localised")).first.click()
+    assert page.url.endswith(f"{DAY}#{BURST_ID}")
     expect(page.locator("table.heard tbody")).to_have_count(2)
     watch.photograph("day", full_page=True)
-    page.get_by_role("link", name=BURST_ID).click()
-    page.wait_for_selector("body[data-drawn='2']")
-    page.get_by_role("link", name="2012-06-07").click()
+    page.locator("table.heard").get_by_role("link", name=BURST_ID).click()
+    page.get_by_role("link", name="2012-06-07").first.click()
     expect(page.locator(f"#{BURST_ID}")).to_be_in_viewport()
     assert page.url.endswith(f"{DAY}#{BURST_ID}")
 
@@ -79,9 +80,9 @@ def test_pages_need_neither_width_nor_scripts(watch: Watch) -> None:
     page = watch.open("/days")
     expect(page.locator("table.days tbody tr:not(.month)")).to_have_count(3)
     expect(page.get_by_role("columnheader", name="Localised")).to_be_in_viewport(ratio=1)
-    page.get_by_role("link", name="2012-06-07").click()
-    expect(page.get_by_text("localised", exact=True)).to_be_visible()
-    page.locator("summary").click()
+    page.locator("table.days").get_by_role("link", name="2012-06-07").click()
+    expect(page.locator("table.heard").get_by_text("localised", exact=True)).to_be_visible()
+    page.locator("summary").first.click()
     expect(page.locator("table.rejected")).to_be_visible()
     for path in ("/days", DAY):
         assert fits_across(watch.open(path))

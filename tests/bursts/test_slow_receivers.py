@@ -77,3 +77,13 @@ def test_a_burst_every_few_hours_keeps_its_onset() -> None:
     found = accepted(slow(sky([burst_at(5.0)]), 180.0))
 
     assert starts(found)[0] in {"05:06", "05:07", "05:08", "05:09", "05:10", "05:11"}
+
+
+def test_the_flux_at_1_au_of_a_burst_is_in_its_row() -> None:
+    spectrum = slow(sky([burst_at(5.0)]), 60.0)
+    minute = (spectrum["time"].to_numpy() - np.datetime64(DAY, "ns")) / np.timedelta64(60, "s")
+    sfu = np.where(np.abs(minute - 313.0) < 2.0, 42.0, np.where(minute > 600.0, 99.0, np.nan))
+    spectrum["flux_sfu_1au"] = ("time", "frequency"), np.repeat(sfu[:, None], spectrum.sizes["frequency"], axis=1)
+
+    assert accepted(spectrum)["flux_sfu_1au"].tolist() == [42.0]
+    assert accepted(spectrum.drop_vars("flux_sfu_1au"))["flux_sfu_1au"].isna().all()

@@ -209,10 +209,13 @@ def test_figures_are_pictures(first_run: FirstRun) -> None:
     ]
     fits = [f"{name}-{one}.png" for name in ("polar-fit", "density") for one in series]
     profile = "shared-profile-shared_profile.posterior.default.2d.v1.png"
-    for name in ("constellation-posterior-default.png", "spectra.png", profile, *fits):
+    for name in ("constellation-posterior-default.svg", "spectra.svg", profile, *fits):
         path = sandbox.home / "figures" / BURST / name
         assert str(path) in done.stdout
         content = path.read_bytes()
+        if path.suffix == ".svg":
+            assert content.startswith(b"<svg ")
+            continue
         assert content[:8] == b"\x89PNG\r\n\x1a\n"
         assert min(struct.unpack(">II", content[16:24])) > 500
 
@@ -269,7 +272,7 @@ def test_second_run_changes_nothing_and_draws_what_a_killed_run_did_not(first_ru
     sandbox, _ = first_run
     before, groups = rows_of(sandbox), groups_of(sandbox)
     constellation, spectra = (
-        sandbox.home / "figures" / BURST / name for name in ("constellation-posterior-default.png", "spectra.png")
+        sandbox.home / "figures" / BURST / name for name in ("constellation-posterior-default.svg", "spectra.svg")
     )
     spectra.unlink()
     os.utime(constellation, (0, 0))
@@ -296,9 +299,9 @@ def test_run_after_a_killed_one_finishes_another_series_and_leaves_the_answer_as
     rows = json.loads(as_published.done.stdout)
     assert [(row["new"], row["preferred"]) for row in rows] == [(True, False)] * 4
     figures, kept = (one.home / "figures" / BURST for one in (now, was))
-    ours = (kept / "constellation-posterior-default.png").read_bytes()
-    assert (figures / "constellation-posterior-bella-2024.png").read_bytes() != ours
-    assert (figures / "constellation-posterior-default.png").read_bytes() == ours
+    ours = (kept / "constellation-posterior-default.svg").read_bytes()
+    assert (figures / "constellation-posterior-bella-2024.svg").read_bytes() != ours
+    assert (figures / "constellation-posterior-default.svg").read_bytes() == ours
     before, after = rows_of(was), rows_of(now)
     assert set(before["solution"]) < set(after["solution"])
     assert after["preference"] == before["preference"]

@@ -68,7 +68,7 @@ def test_a_day_is_drawn_with_what_the_catalogue_has_of_it(settings: Settings) ->
     quiet = green(settings.day_figure(DAY))
     assert draw_day(DAY, [spectrum()], [detection(1, "SOLO", **times)], settings)
 
-    assert settings.day_figure(DAY) == settings.home / "figures" / "days" / "2022-03-01.png"
+    assert settings.day_figure(DAY) == settings.home / "figures" / "days" / "2022-03-01.svg"
     assert green(settings.day_figure(DAY)) > quiet == 0.0
 
 

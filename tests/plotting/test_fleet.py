@@ -1,99 +1,130 @@
-"""The picture of a day as all spacecraft heard it."""
+"""The picture of a day as all spacecraft received it."""
 
+import base64
+import io
 from datetime import date
 from pathlib import Path
 
-import matplotlib.image
 import numpy as np
 import pandas as pd
 import pytest
 import xarray as xr
+from PIL import Image
 
 from bella.exceptions import InputError, NoDataError
-from bella.plotting import write_day_png
-from bella.plotting.boxes import BOX_COLUMNS
+from bella.plotting import write_day_svg
+from bella.plotting.fleet import BOX_COLUMNS
 from bella.spectra import over_background
-from tests.plotting.test_day import GREY, day, share
+from tests.plotting.reading import SVG, of_class, parsed, texts
+from tests.plotting.test_day import day
 
 DAY = date(2022, 3, 1)
 EMPTY = pd.DataFrame(columns=list(BOX_COLUMNS))
-BOX = np.array([0x7D, 0xFF, 0xB0]) / 255.0
 
 
-def found(observatory: str, start: str, tier: str = "localisable") -> pd.DataFrame:
+def found(observatory: str, start: str, tier: str = "localisable", burst_id: str = "T3-x") -> pd.DataFrame:
     onset = pd.Timestamp(f"2022-03-{start}")
-    row = (observatory, onset, onset + pd.Timedelta(minutes=20), 0.5, 12.0, 30.0, tier, "")
-    return pd.DataFrame([row], columns=list(BOX_COLUMNS))
+    row = (observatory, onset, onset + pd.Timedelta(minutes=20), 0.5, 12.0, 30.0, tier, "", burst_id)
+    return pd.DataFrame([row], columns=[*BOX_COLUMNS, "burst_id"])
 
 
-def height(path: Path) -> int:
-    return int(matplotlib.image.imread(path).shape[0])
+def height(path: Path) -> float:
+    return float(parsed(path.read_text()).get("viewBox", "").split()[3])
 
 
-def green(path: Path) -> float:
-    return share(path, lambda picture: (np.abs(picture - BOX) < 0.08).all(axis=-1))
+def green(path: Path) -> int:
+    """Boxes of localised bursts."""
+    return len(of_class(parsed(path.read_text()), "box localised"))
+
+
+def levels(path: Path) -> np.ndarray:
+    """Levels of the picture of the first panel; 63 is no data."""
+    image = parsed(path.read_text()).find(f".//{SVG}image")
+    return np.asarray(Image.open(io.BytesIO(base64.b64decode(image.get("href", "").partition(",")[2]))))
 
 
 def test_each_spacecraft_has_a_panel_with_its_own_boxes(tmp_path: Path) -> None:
-    one, two = tmp_path / "days" / "one.png", tmp_path / "days" / "two.png"
-    write_day_png(one, DAY, [day()], found("SOLO", "01 01:00"))
-    write_day_png(two, DAY, [day(), day(observatory="PSP")], found("SOLO", "01 01:00"))
+    one, two = tmp_path / "days" / "one.svg", tmp_path / "days" / "two.svg"
+    write_day_svg(one, DAY, [day()], found("SOLO", "01 01:00"))
+    write_day_svg(two, DAY, [day(), day(observatory="PSP")], found("PSP", "01 01:00"))
 
-    assert sorted(entry.name for entry in one.parent.iterdir()) == ["one.png", "two.png"]
+    assert sorted(entry.name for entry in one.parent.iterdir()) == ["one.svg", "two.svg"]
     assert height(two) > 1.5 * height(one)
-    assert green(one) > 0.0
-    assert 0.3 < green(two) / green(one) < 0.8, "the box is in one panel of the two"
+    assert green(one) == green(two) == 1
+    root = parsed(two.read_text())
+    assert texts(root, "panel-name") == ["SOLO", "PSP"]
+    (box,) = of_class(root, "box")
+    top = float(of_class(root, "no-data")[1].get("y", ""))
+    assert float(box.get("y", "")) >= top - 2, "the box is in the panel of its spacecraft"
+
+
+def test_a_box_stands_at_its_time_and_leads_to_its_burst(tmp_path: Path) -> None:
+    write_day_svg(tmp_path / "day.svg", DAY, [day()], found("SOLO", "01 06:00"))
+    root = parsed((tmp_path / "day.svg").read_text())
+    (link,) = root.findall(f"{SVG}a")
+    assert link.get("href") == "#T3-x"
+    box, panel = of_class(root, "box")[0], of_class(root, "no-data")[0]
+    share = (float(box.get("x", "")) - float(panel.get("x", ""))) / float(panel.get("width", ""))
+    assert share == pytest.approx(0.25, abs=1e-3)
+    assert float(box.get("width", "")) / float(panel.get("width", "")) == pytest.approx(20 / 1440, abs=1e-3)
+    assert texts(root, "onset-label") == ["06:00"]
+    write_day_svg(tmp_path / "none.svg", DAY, [day()], found("SOLO", "01 06:00", "rejected", ""))
+    assert len(of_class(parsed((tmp_path / "none.svg").read_text()), "box rejected")) == 1
+    assert green(tmp_path / "none.svg") == 0
 
 
 def test_only_the_day_is_shown(tmp_path: Path) -> None:
     before = day()
     before = before.assign_coords(time=before["time"] - np.timedelta64(2, "h"))
-    write_day_png(
-        tmp_path / "day.png", DAY, [before], pd.concat([found("SOLO", "01 01:00"), found("SOLO", "02 01:00")])
-    )
-    write_day_png(tmp_path / "none.png", DAY, [before], found("SOLO", "02 01:00"))
+    both = pd.concat([found("SOLO", "01 01:00"), found("SOLO", "02 01:00")])
+    write_day_svg(tmp_path / "day.svg", DAY, [before], both)
 
-    assert green(tmp_path / "day.png") > green(tmp_path / "none.png") == 0.0
-    assert share(tmp_path / "day.png", lambda picture: (np.abs(picture - GREY) < 0.02).all(axis=-1)) > 0.5
+    assert green(tmp_path / "day.svg") == 1
+    assert (levels(tmp_path / "day.svg") == 63).mean() > 0.5
     with pytest.raises(NoDataError, match="2022-03-03"):
-        write_day_png(tmp_path / "other.png", date(2022, 3, 3), [before], EMPTY)
+        write_day_svg(tmp_path / "other.svg", date(2022, 3, 3), [before], EMPTY)
 
 
 def test_a_background_is_taken_away_once_and_also_where_decibels_were_published(tmp_path: Path) -> None:
-    raw, over = tmp_path / "raw.png", tmp_path / "over.png"
-    write_day_png(raw, DAY, [day()], EMPTY)
-    write_day_png(over, DAY, [over_background(day())], EMPTY)
-
-    assert raw.read_bytes() == over.read_bytes()
-    lifted = over_background(day()).drop_vars("noise_db")
-    lifted["intensity"] += 3.0
-    write_day_png(tmp_path / "lifted.png", DAY, [lifted], EMPTY)
-    dark = [share(path, lambda picture: picture.max(axis=-1) < 0.2) for path in (over, tmp_path / "lifted.png")]
+    raw, over, lifted = (tmp_path / f"{name}.svg" for name in ("raw", "over", "lifted"))
+    write_day_svg(raw, DAY, [day()], EMPTY)
+    write_day_svg(over, DAY, [over_background(day())], EMPTY)
+    assert (levels(raw) == levels(over)).all()
+    higher = over_background(day()).drop_vars("noise_db")
+    higher["intensity"] += 3.0
+    write_day_svg(lifted, DAY, [higher], EMPTY)
+    dark = [((levels(path) < 12).sum() / (levels(path) < 63).sum()) for path in (over, lifted)]
     assert dark[1] > 0.8 * dark[0] > 0.0, "three decibels everywhere are background"
 
 
-def test_a_whole_day_at_a_fine_cadence_is_a_small_file(tmp_path: Path) -> None:
-    level = np.random.default_rng(2).normal(0.0, 1.0, (12_000, 150)).astype(np.float32)
-    time = np.datetime64(DAY, "ns") + np.arange(12_000) * np.timedelta64(7, "s")
+@pytest.mark.parametrize("cadence_s", [7, 60, 240])
+def test_a_whole_day_is_a_small_file_with_gaps_where_there_is_no_data(tmp_path: Path, cadence_s: int) -> None:
+    count = 86_400 // cadence_s
+    level = np.random.default_rng(2).normal(0.0, 1.0, (count, 150)).astype(np.float32)
+    level[count // 4 : count // 2] = np.nan
+    time = np.datetime64(DAY, "ns") + np.arange(count) * np.timedelta64(cadence_s, "s")
     fine = xr.Dataset(
         {"intensity": (("time", "frequency"), level)},
         coords={"time": time, "frequency": np.geomspace(0.02, 16.0, 150)},
         attrs=day().attrs | {"quantity": "db_over_background"},
     )
-    write_day_png(tmp_path / "day.png", DAY, [fine], EMPTY)
-
-    assert (tmp_path / "day.png").stat().st_size < 500_000
+    write_day_svg(tmp_path / "day.svg", DAY, [fine], EMPTY)
+    assert (tmp_path / "day.svg").stat().st_size < 90_000
+    empty = (levels(tmp_path / "day.svg") == 63).all(axis=0)
+    assert empty[190:350].all()
+    assert not empty[:170].any()
+    assert not empty[370:].any()
 
 
 def test_what_cannot_be_drawn_leaves_the_figure_before_it(tmp_path: Path) -> None:
-    path = tmp_path / "day.png"
-    write_day_png(path, DAY, [day()], EMPTY)
+    path = tmp_path / "day.svg"
+    write_day_svg(path, DAY, [day()], EMPTY)
     before = path.read_bytes()
 
     with pytest.raises(InputError, match="counts"):
-        write_day_png(path, DAY, [day(quantity="counts")], EMPTY)
+        write_day_svg(path, DAY, [day(quantity="counts")], EMPTY)
     with pytest.raises(InputError, match="score"):
-        write_day_png(path, DAY, [day()], EMPTY.drop(columns="score"))
+        write_day_svg(path, DAY, [day()], EMPTY.drop(columns="score"))
 
     assert path.read_bytes() == before
     assert list(tmp_path.iterdir()) == [path]

@@ -6,14 +6,12 @@ import xarray as xr
 
 from bella.plotting import polar_track, speed_remark
 from bella.plotting.geometry import (
-    fitted_spiral,
-    name_places,
     nearest_index,
     receiver_positions,
     region_outline,
     spread_indices,
 )
-from tests.plotting.synthetic import synthetic_posterior, synthetic_track, synthetic_track_fit
+from tests.plotting.synthetic import synthetic_posterior
 
 
 def one_point(x: float, y: float, xx: float, xy: float, yy: float) -> xr.Dataset:
@@ -56,12 +54,6 @@ def test_nearest_channel_is_nearest_in_log_frequency() -> None:
     assert nearest_index(np.array([0.1, 1.0, 10.0]), 1e-9) == 0
 
 
-def test_spiral_is_where_the_synthetic_track_was_put() -> None:
-    truth = synthetic_track("gauss_hermite", np.array([0.15, 0.5, 2.0]))
-    spiral = fitted_spiral(synthetic_track_fit(), np.hypot(*truth.T))
-    np.testing.assert_allclose(spiral, truth, atol=1e-9)
-
-
 def test_receivers_are_averaged_over_the_channels_that_heard_the_burst() -> None:
     posterior = synthetic_posterior().copy(deep=True)
     posterior["receiver_rsun"][:50, 1] = np.nan
@@ -92,9 +84,3 @@ def test_an_empty_region_has_no_outline() -> None:
 )
 def test_the_remark_on_the_speed(contraction: float, words: str) -> None:
     assert speed_remark(contraction) == words
-
-
-def test_names_of_near_spacecraft_stand_on_either_side() -> None:
-    where = np.array([[215.0, 0.0, 0.0], [-100.0, 180.0, 0.0], [205.0, 5.0, 0.0], [-90.0, -190.0, 0.0]])
-    assert name_places(where) == ["top left", "top center", "bottom left", "bottom center"]
-    assert name_places(where[[3, 3]]) == ["bottom center", "top center"]

@@ -18,7 +18,7 @@ from bella.exceptions import InputError
 from bella.plotting import write_light_curves_png
 from bella.plotting.light_curves import _light_curves_figure
 from bella.plotting.palette import INK, track_style
-from bella.plotting.tables import FLAGGED
+from bella.plotting.printed import FLAGGED
 from bella.simulation import Receiver, SimulatedBurst, observe
 
 RELEASE = np.datetime64("2012-06-07T19:20:00", "ns")

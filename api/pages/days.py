@@ -1,4 +1,4 @@
-"""The pages of searched days: all of them with how much was heard, and one with what was heard."""
+"""Time: searched days from years to hours on one calendar, and the page of a day with all that was found on it."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -8,6 +8,7 @@ from typing import Any
 
 from fastapi import APIRouter, Request
 from fastapi.responses import HTMLResponse
+from markupsafe import Markup
 from pydantic import ValidationError
 
 from api.asking import asked_of, fault_words
@@ -15,11 +16,12 @@ from api.queries import DayFilter, parse_day
 from api.rendering import render
 from api.schemas import day_links
 from api.service import CatalogueHere, ServiceHere
-from api.wording import NOT_COMPARED
+from api.wording import NOT_COMPARED, answer_words
 from bella.catalogue import BurstQuery, Catalogue, DayPage, DaySummary, Detection, ObservedDay
 from bella.exceptions import InputError, NoDataError
-from bella.flags import REJECTED
-from bella.records import ALL_ORIGINS, REAL_ORIGINS, Origin, origins_asked
+from bella.flags import LOCALISABLE, REJECTED
+from bella.plotting import DayMark, OnsetMark, calendar_figure, strips_figure
+from bella.records import ALL_ORIGINS, REAL_ORIGINS, DayAnswer, Origin, origins_asked
 
 router = APIRouter(include_in_schema=False)
 
@@ -27,10 +29,15 @@ FIELDS = ("from", "to", "limit", "origin")
 AROUND = timedelta(hours=1)
 """A burst keeps the onset under which it was first published; later data may move it past midnight."""
 
+MOST_STRIPS = 31
+"""So many days or fewer are shown by the hour, more by the day."""
+
+MOST_ONSETS = 5000
+
 
 @dataclass(frozen=True)
 class ShownBurst:
-    """A burst as the spacecraft heard it, by onset; `has_page` where the catalogue has its localisation."""
+    """A burst as the spacecraft detected it, by onset; `has_page` where the catalogue has its localisation."""
 
     burst_id: str
     reason: str
@@ -48,6 +55,8 @@ def days_page(request: Request, catalogue: CatalogueHere) -> HTMLResponse:
         "days.html",
         status=422 if fault else 200,
         months=_months(page.days) if page else [],
+        figure=_figure(catalogue, page, asked) if page and page.days else None,
+        answers=list(DayAnswer),
         page=page,
         fault=fault,
         asked={name: asked.get(name, "") for name in FIELDS},
@@ -60,7 +69,7 @@ def days_page(request: Request, catalogue: CatalogueHere) -> HTMLResponse:
 def _answer(catalogue: Catalogue, asked: dict[str, Any]) -> tuple[DayPage | None, str | None, str | None]:
     """Page of days with the query of the next one, or what is wrong with the question."""
     try:
-        wanted = DayFilter.model_validate(asked)
+        wanted = DayFilter.model_validate({"limit": 366} | {name: value for name, value in asked.items() if value})
         page = catalogue.days(*wanted.span(), wanted.limit, wanted.origins)
     except (InputError, ValidationError) as error:
         return None, None, fault_words(error)
@@ -71,9 +80,44 @@ def _months(days: Sequence[DaySummary]) -> list[tuple[str, list[DaySummary]]]:
     return [(month, list(some)) for month, some in groupby(days, key=lambda one: f"{one.searched.day:%B %Y}")]
 
 
+def _figure(catalogue: Catalogue, page: DayPage, asked: dict[str, Any]) -> Markup:
+    """Calendar of the days, or their hours with every burst where they are few."""
+    by_day = {one.searched.day: one for one in reversed(page.days)}
+    marks = [_mark(one) for one in by_day.values()]
+    if len(marks) > MOST_STRIPS or not (asked.get("from") or len(marks) <= MOST_STRIPS // 2):
+        return Markup(calendar_figure(marks))  # noqa: S704 - drawn here, and its texts are escaped
+    first, last = min(by_day), max(by_day)
+    origins = tuple({one.searched.origin for one in by_day.values()})
+    return Markup(strips_figure(marks, _onsets(catalogue, first, last, origins)))  # noqa: S704
+
+
+def _mark(one: DaySummary) -> DayMark:
+    searched = one.searched
+    said = f"{searched.day}: {searched.answer}, {one.bursts} bursts, {one.localised} localised"
+    address = day_links(searched.day, searched.origin)["page"]
+    return DayMark(searched.day, searched.answer.value, one.localised, said, address)
+
+
+def _onsets(catalogue: Catalogue, first: date, last: date, origins: tuple[Origin, ...]) -> list[OnsetMark]:
+    """Each burst once, by its first onset."""
+    start, stop = (datetime.combine(day, time(), UTC) for day in (first, last + timedelta(days=1)))
+    found = catalogue.detections(start, stop, limit=MOST_ONSETS, origins=origins)
+    marks: dict[str, OnsetMark] = {}
+    for number, one in enumerate(found):
+        if one.tier == REJECTED:
+            continue
+        is_localised = one.tier == LOCALISABLE
+        links = day_links(one.start_utc.date(), one.origin)
+        address = f"/bursts/{one.burst_id}" if is_localised else f"{links['page']}#{one.burst_id}"
+        verdict = "localised" if is_localised else one.reason.replace("_", " ")
+        said = f"{one.burst_id or one.observatory}, {one.start_utc:%H:%M}, {verdict}"
+        marks.setdefault(one.burst_id or str(number), OnsetMark(one.start_utc, is_localised, said, address))
+    return list(marks.values())
+
+
 @router.get("/days/{day}")
 def day_page(request: Request, day: str, service: ServiceHere, catalogue: CatalogueHere) -> HTMLResponse:
-    """What was heard on a searched day, drawn and in tables."""
+    """What was found on a searched day, drawn and in tables."""
     wanted = parse_day(day)
     asked = _origins(request)
     known = catalogue.days(wanted, wanted, 1, asked).days
@@ -82,17 +126,20 @@ def day_page(request: Request, day: str, service: ServiceHere, catalogue: Catalo
         raise NoDataError(f"{wanted} was not searched: run bella run --from {wanted}")
     origins = (summary.searched.origin,)
     found = catalogue.detections_of(wanted, origins)
-    beside = [one and day_links(one, origins[0])["page"] for one in catalogue.days_beside(wanted, origins)]
     before, after = catalogue.days_beside(wanted, origins)
+    drawn = service.settings.day_figure(wanted, origins[0])
+    month = wanted.replace(day=1)
     return render(
         request,
         "day.html",
         summary=summary,
+        said=answer_words(summary.searched.answer),
         links=day_links(wanted, origins[0]),
+        month=f"/days?from={month}&to={(month + timedelta(days=32)).replace(day=1) - timedelta(days=1)}",
         origin=origins[0],
         is_real=origins[0] in REAL_ORIGINS,
-        beside=beside,
-        is_drawn=service.settings.day_figure(wanted, origins[0]).is_file(),
+        beside=[one and day_links(one, origins[0])["page"] for one in (before, after)],
+        drawn=Markup(drawn.read_text(encoding="utf-8")) if drawn.is_file() else None,  # noqa: S704 - drawn by a run
         bursts=_shown_bursts(found, _with_page(catalogue, wanted)),
         rejected=[one for one in found if one.tier == REJECTED],
         before=before,

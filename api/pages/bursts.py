@@ -1,0 +1,153 @@
+"""The list of bursts: each with its answer and a small picture of its track, and a form that writes the query."""
+
+from collections.abc import Sequence
+from typing import Any
+from urllib.parse import urlencode
+
+import numpy as np
+from fastapi import APIRouter, Request, Response
+from fastapi.responses import HTMLResponse, RedirectResponse
+from markupsafe import Markup
+from pydantic import ValidationError
+
+from api.asking import asked_of, fault_words
+from api.drawing import places_of
+from api.freshness import IMMUTABLE
+from api.queries import NEWEST_FIRST, BurstFilter
+from api.rendering import render
+from api.schemas import burst_links
+from api.service import CatalogueHere
+from bella.answer import GRADES
+from bella.catalogue import BurstPage, BurstQuery, BurstSummary, Catalogue
+from bella.exceptions import InputError, NoDataError
+from bella.flags import FLAGS, HARMLESS_FLAGS
+from bella.plotting import Marked, figure_style, selection_figure, thumbnail
+from bella.records import ALL_ORIGINS, REAL_ORIGINS, Origin
+from bella.spacecraft import OBSERVATORIES
+
+router = APIRouter(include_in_schema=False)
+
+FILTER_NAMES = frozenset(BurstFilter.model_fields)
+LISTS = frozenset({"observatory", "grade", "flag", "without_flag", "edge", "method", "preset"})
+
+SORTS = {
+    "-start": "newest first",
+    "start": "oldest first",
+    "-updated": "last changed first",
+    "grade": "best grade first",
+    "longitude": "by longitude",
+    "distance": "nearest first",
+    "-wind": "fastest wind first",
+    "area": "smallest region first",
+}
+NUMBERS = {
+    "longitude": "Longitude (°, west positive)",
+    "distance": "Distance (R☉)",
+    "wind": "Wind (km/s)",
+    "frequency": "Frequency (MHz)",
+    "area": "68 % area (R☉²)",
+}
+FARTHEST = 1.3
+"""Of the answer: positions farther out are of channels that say nothing."""
+
+MOST_PICTURES = 200
+"""Beyond so many rows a list has no pictures of tracks: each is a look into the catalogue."""
+
+
+@router.get("/")
+def list_page(request: Request, catalogue: CatalogueHere) -> HTMLResponse:
+    """Bursts that match the query of the address, with a form that writes that query."""
+    asked = asked_of(request, LISTS)
+    page, fault = _answer(catalogue, asked)
+    following = page.next_cursor if page else None
+    bursts = page.bursts if page else ()
+    return render(
+        request,
+        "bursts.html",
+        status=422 if fault else 200,
+        real=REAL_ORIGINS,
+        origins=[*Origin, ALL_ORIGINS],
+        rows=[(summary, burst_links(summary.burst), picture) for summary, picture in _pictured(catalogue, bursts)],
+        plot=Markup(selection_figure([*map(_marked, bursts)])) if len(bursts) > 1 else None,  # noqa: S704 - drawn here
+        page=page,
+        fault=fault,
+        asked={name: asked.get(name, [] if name in LISTS else "") for name in FILTER_NAMES},
+        filtered=any(asked.get(name) for name in FILTER_NAMES - {"limit", "cursor", "sort"}),
+        onward=urlencode({**asked, "cursor": following}, doseq=True) if following else None,
+        first=urlencode({name: value for name, value in asked.items() if name != "cursor"}, doseq=True),
+        selection=urlencode({n: v for n, v in asked.items() if v and n not in {"cursor", "limit", "sort"}}, doseq=True),
+        is_empty=page is not None and page.total == 0 and catalogue.bursts(BurstQuery(limit=1)).total == 0,
+        observatories=list(dict.fromkeys([*OBSERVATORIES, *asked.get("observatory", [])])),
+        flags=FLAGS,
+        sorts=SORTS,
+        numbers=NUMBERS,
+        more=any(asked.get(f"{name}_{end}") for name in NUMBERS for end in ("min", "max")),
+        harmless=HARMLESS_FLAGS,
+        grades=GRADES,
+        base_url=str(request.base_url).rstrip("/"),
+    )
+
+
+@router.get("/latest")
+def latest(catalogue: CatalogueHere) -> RedirectResponse:
+    """The newest burst with an answer.
+
+    Raises
+    ------
+    NoDataError
+        If there is none.
+    """
+    newest = catalogue.bursts(BurstQuery(limit=1, sort=NEWEST_FIRST)).bursts
+    if not newest:
+        raise NoDataError("the catalogue holds no burst yet: run bella run")
+    return RedirectResponse(burst_links(newest[0].burst)["page"], 302)
+
+
+@router.get("/static/figure.css")
+def style() -> Response:
+    """Style sheet of the figures, on pages and in files the same."""
+    return Response(figure_style(), media_type="text/css", headers={"Cache-Control": IMMUTABLE})
+
+
+def _answer(catalogue: Catalogue, asked: dict[str, Any]) -> tuple[BurstPage | None, str | None]:
+    """Page of bursts, or what is wrong with the question."""
+    try:
+        return catalogue.bursts(BurstFilter.model_validate(asked).query()), None
+    except (InputError, ValidationError) as error:
+        return None, fault_words(error)
+
+
+def _pictured(catalogue: Catalogue, bursts: Sequence[BurstSummary]) -> list[tuple[BurstSummary, Markup | None]]:
+    is_drawn = len(bursts) <= MOST_PICTURES
+    return [(one, _picture(catalogue, one) if is_drawn and one.preferred else None) for one in bursts]
+
+
+def _picture(catalogue: Catalogue, summary: BurstSummary) -> Markup:
+    """Small picture of the track of the preferred solution."""
+    burst, best = summary.burst, summary.preferred
+    assert best is not None  # noqa: S101 - the caller has looked
+    rows = sorted(catalogue.localisations(best.solution_id), key=lambda row: row.frequency_mhz)
+    answer = best.answer
+    reach = FARTHEST * (answer.range_high_rsun or np.inf)
+    places = np.array([(row.x_rsun, row.y_rsun) for row in rows]).reshape(-1, 2)
+    places = places[np.hypot(*places.T) <= reach]
+    ends = None
+    if answer.phi0_low_deg is not None and answer.phi0_high_deg is not None:
+        ends = (answer.phi0_low_deg, answer.phi0_high_deg)
+    utc = np.datetime64(burst.start_utc.replace(tzinfo=None), "ns")
+    said = f"Track of {burst.burst_id}: {answer.sentence}"
+    return Markup(thumbnail(places, ends, places_of(burst.observatories, utc), said))  # noqa: S704 - drawn here
+
+
+def _marked(summary: BurstSummary) -> Marked:
+    burst, best = summary.burst, summary.preferred
+    answer = best.answer if best else None
+    return Marked(
+        burst.start_utc,
+        answer.phi0_deg if answer else None,
+        answer.phi0_low_deg if answer else None,
+        answer.phi0_high_deg if answer else None,
+        answer.grade if answer else "D",
+        f"{burst.burst_id}: {answer.sentence if answer else 'no answer'}",
+        burst_links(burst)["page"],
+    )

@@ -1,0 +1,226 @@
+"""The pen of the screen figures: elements of SVG, scales with their ticks, and spectra as small pictures.
+
+Figures are drawn on the server, so that they need no script, and take their colours from `figure.css`: light and dark
+on a page, and the same in a file that is kept.
+"""
+
+import base64
+import io
+import math
+import os
+import tempfile
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from functools import cache
+from html import escape
+from importlib import resources
+from pathlib import Path
+
+import numpy as np
+import numpy.typing as npt
+
+from bella.units import DAY_S, FloatArray
+
+VIRIDIS = ("#440154", "#482878", "#3e4989", "#31688e", "#26828e", "#1f9e89", "#35b779", "#6ece58", "#b5de2b", "#fde725")
+NAMESPACE = "http://www.w3.org/2000/svg"
+TIME_STEPS_S = (1, 2, 5, 10, 15, 30, 60, 120, 300, 600, 900, 1800, 3600, 7200, 10800, 21600, 43200, 86400)
+WEAK_STRETCH = 0.75
+"""Exponent of the colour scale: below one, weak bursts stand out from the quiet sky."""
+
+
+@cache
+def figure_style() -> str:
+    """Style sheet of the figures, for pages and for files that are kept."""
+    return (resources.files("bella.plotting") / "figure.css").read_text(encoding="utf-8")
+
+
+def number(value: float) -> str:
+    """Coordinate with one decimal, no longer than it must be."""
+    written = f"{value:.1f}".removesuffix(".0")
+    return "0" if written == "-0" else written
+
+
+def element(name: str, *content: str, **attributes: float | str | None) -> str:
+    """One element; underscores in names of attributes stand for hyphens, and those that are None are left out."""
+    written = "".join(
+        f' {key.strip("_").replace("_", "-")}="{number(value) if isinstance(value, int | float) else escape(value)}"'
+        for key, value in attributes.items()
+        if value is not None
+    )
+    inside = "".join(content)
+    return f"<{name}{written}>{inside}</{name}>" if inside else f"<{name}{written}/>"
+
+
+def words(text: str, x: float, y: float, **attributes: float | str | None) -> str:
+    """Text at a place."""
+    return element("text", escape(text), x=x, y=y, **attributes)
+
+
+def line(x1: float, y1: float, x2: float, y2: float, **attributes: float | str | None) -> str:
+    """Straight line."""
+    return element("line", x1=x1, y1=y1, x2=x2, y2=y2, **attributes)
+
+
+def path(points: FloatArray, *, closed: bool = False, **attributes: float | str | None) -> str:
+    """Path through points of shape (N, 2); a row that is not finite lifts the pen."""
+    return element("path", d=path_data(points, closed=closed), **attributes)
+
+
+def path_data(points: FloatArray, *, closed: bool = False) -> str:
+    """What a path draws, as its attribute `d` says it."""
+    parts: list[str] = []
+    lifted = True
+    for x, y in points:
+        if not (math.isfinite(x) and math.isfinite(y)):
+            lifted = True
+            continue
+        parts.append(f"{'M' if lifted else 'L'}{number(x)} {number(y)}")
+        lifted = False
+    return "".join(parts) + ("Z" if closed and parts else "")
+
+
+def figure(name: str, size: tuple[float, float], title: str, *content: str, **attributes: float | str | None) -> str:
+    """Whole figure with its title, which a screen reader says.
+
+    Parameters
+    ----------
+    name : str
+        Class of the figure, and the stem of the ids in it.
+    size : (float, float)
+        Width and height of its coordinates.
+    title : str
+    *content : str
+    **attributes : float or str
+
+    Returns
+    -------
+    str
+    """
+    return element(
+        "svg",
+        element("title", escape(title), id=f"{name}-said"),
+        *content,
+        xmlns=NAMESPACE,
+        viewBox=f"0 0 {number(size[0])} {number(size[1])}",
+        class_=f"figure {name}",
+        role="group" if any("<a " in part for part in content) else "img",  # links in an image are out of reach
+        aria_labelledby=f"{name}-said",
+        **attributes,
+    )
+
+
+def write_figure(path: Path, drawn: str, caption: str) -> None:
+    """Write a figure as a file of its own, whole or not at all.
+
+    Parameters
+    ----------
+    path : Path
+        Its folder is made when it does not exist.
+    drawn : str
+    caption : str
+        Its description.
+    """
+    write_whole(path, as_file(drawn, caption))
+
+
+def write_whole(path: Path, text: str) -> None:
+    """Write a text beside the target, then rename: the file appears whole or not at all."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    handle, name = tempfile.mkstemp(suffix=path.suffix, prefix=f".{path.stem}-", dir=path.parent)
+    try:
+        with os.fdopen(handle, "w", encoding="utf-8") as file:
+            file.write(text)
+        Path(name).chmod(0o644)
+        Path(name).replace(path)
+    finally:
+        Path(name).unlink(missing_ok=True)
+
+
+def as_file(drawn: str, caption: str) -> str:
+    """A figure as a file of its own: with the style sheet, and the caption as its description."""
+    head, rest = drawn.split(">", 1)
+    return f"{head}>{element('desc', escape(caption))}<style>{figure_style()}</style>{rest}"
+
+
+@dataclass(frozen=True)
+class Scale:
+    """Where values stand between two ends of an axis; times are seconds."""
+
+    low: float
+    high: float
+    start: float
+    end: float
+    is_log: bool = False
+
+    def __call__(self, value: npt.ArrayLike) -> FloatArray:
+        """Places of values, clipped to a little beyond the ends."""
+        values, ends = np.asarray(value, dtype=np.float64), np.array([self.low, self.high])
+        if self.is_log:
+            values, ends = np.log(values), np.log(ends)
+        share = (values - ends[0]) / (ends[1] - ends[0])
+        return np.asarray(self.start + np.clip(share, -1.0, 2.0) * (self.end - self.start))
+
+    def holds(self, value: float) -> bool:
+        """Whether a value is between the ends."""
+        return self.low <= value <= self.high
+
+    def among(self, values: Iterable[float]) -> list[float]:
+        """Those of some values that are between the ends."""
+        return [value for value in values if self.holds(value)]
+
+    def ticks(self, most: int = 6) -> list[float]:
+        """Round values between the ends."""
+        step = round_step((self.high - self.low) / most)
+        first = math.ceil(self.low / step)
+        return [step * index for index in range(first, math.floor(self.high / step) + 1)]
+
+    def time_ticks(self, most: int = 8) -> list[float]:
+        """Seconds at which the clock shows something round."""
+        length = self.high - self.low
+        step = next((one for one in TIME_STEPS_S if length / one <= most), TIME_STEPS_S[-1])
+        return [float(step * index) for index in range(math.ceil(self.low / step), math.floor(self.high / step) + 1)]
+
+
+def round_step(length: float) -> float:
+    """1, 2, 2.5 or 5 times a power of ten, not below a length."""
+    power = 10.0 ** math.floor(math.log10(length))
+    return next(one * power for one in (1.0, 2.0, 2.5, 5.0, 10.0) if one * power >= length * (1 - 1e-9))
+
+
+def time_of_day(seconds: float, step_s: float = 60.0) -> str:
+    """Time of day of seconds since an epoch at midnight."""
+    of_day = round(seconds % DAY_S)
+    return f"{of_day // 3600:02d}:{of_day % 3600 // 60:02d}" + (f":{of_day % 60:02d}" if step_s < 60 else "")
+
+
+def unix_s(time: npt.ArrayLike) -> FloatArray:
+    """Times as seconds since 1970."""
+    return np.asarray(time, dtype="datetime64[ns]").astype(np.int64) / 1e9
+
+
+def colour_at(share: float, colours: Sequence[str] = VIRIDIS) -> str:
+    """Colour of a scale at a share from 0 to 1."""
+    red, green, blue = _colours(np.array([min(max(share, 0.0), 1.0)]), colours)[0]
+    return f"#{red:02x}{green:02x}{blue:02x}"
+
+
+def picture(share: FloatArray, colours: Sequence[str], **attributes: float | str | None) -> str:
+    """Picture of values from 0 to 1, shape (rows, columns), the first row on top; what is not finite is clear."""
+    from PIL import Image  # noqa: PLC0415 - only figures with spectra need it
+
+    levels = 63
+    known = np.isfinite(share)
+    index = np.where(known, np.round(np.clip(np.nan_to_num(share), 0.0, 1.0) ** WEAK_STRETCH * (levels - 1)), levels)
+    image = Image.fromarray(index.astype(np.uint8), mode="P")
+    image.putpalette([*_colours(np.linspace(0.0, 1.0, levels), colours).ravel().tolist(), 0, 0, 0])
+    kept = io.BytesIO()
+    image.save(kept, "PNG", transparency=levels, optimize=True)
+    data = base64.b64encode(kept.getvalue()).decode("ascii")
+    return element("image", href=f"data:image/png;base64,{data}", preserveAspectRatio="none", **attributes)
+
+
+def _colours(share: FloatArray, colours: Sequence[str]) -> npt.NDArray[np.uint8]:
+    corners = np.array([[int(one[i : i + 2], 16) for i in (1, 3, 5)] for one in colours], dtype=np.float64)
+    places = np.linspace(0.0, 1.0, len(colours))
+    mixed = np.column_stack([np.interp(share, places, corner) for corner in corners.T])
+    return np.round(mixed).astype(np.uint8)
