@@ -333,15 +333,6 @@ class Operation:
             raise NoDataError(f"observability of {day} is not known: bella coverage --at {day}T12:00 computes a map")
         return ObservedDay.model_validate(content)
 
-    def observed_inputs(self, day: date) -> str | None:
-        """Checksum of what the observability of a day was computed from; None where it was not."""
-        table = table_of(ObservedDayRow)
-        with reading(self._engine) as connection:
-            known: str | None = connection.execute(
-                select(table.c.inputs_hash).where(table.c.day == day)
-            ).scalar_one_or_none()
-        return known
-
     def work(self, since: datetime) -> Work:
         """What the worker does, and did since a time."""
         table = table_of(StageRunRow)

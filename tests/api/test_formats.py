@@ -62,7 +62,7 @@ def test_what_is_not_known_is_refused_with_what_is(client: TestClient, path: str
 def test_a_table_that_tfcat_cannot_hold_says_so(client: TestClient) -> None:
     reply = client.get("/api/v1/bursts?format=tfcat")
     assert reply.status_code == 422
-    assert "detections and arrivals only" in reply.json()["detail"]
+    assert "detections, arrivals, events only" in reply.json()["detail"]
 
 
 def test_json_of_the_api_and_all_tables_hold_the_same_numbers(client: TestClient) -> None:
