@@ -113,7 +113,9 @@ def docs(request: Request) -> HTMLResponse:
     groups: dict[str, list[Operation]] = {}
     for tag, operation in operations(described):
         groups.setdefault(tag, []).append(operation)
-    page = render(request, "api_reference.html", groups=groups, openapi=OPENAPI, schemas=_schemas(described))
+    base_url = str(request.base_url).rstrip("/")
+    context = {"groups": groups, "openapi": OPENAPI, "schemas": _schemas(described), "base_url": base_url}
+    page = render(request, "api_reference.html", **context)
     page.headers["Vary"] = "Accept"
     return page
 
