@@ -6,6 +6,7 @@ import numpy as np
 import numpy.typing as npt
 import xarray as xr
 
+from bella.containers import CdfFile, TimeArray
 from bella.exceptions import InputError
 from bella.spectra.assembly import (
     Origin,
@@ -17,7 +18,6 @@ from bella.spectra.assembly import (
     without_strays,
 )
 from bella.spectra.beside import Beside, epoch_of, read_records, timed
-from bella.spectra.cdf import CdfFile, TimeArray
 
 OBSERVATORY = "PSP"
 DIPOLES = ("ch0_V1V2", "ch1_V3V4")

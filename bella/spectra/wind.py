@@ -13,14 +13,13 @@ import numpy.typing as npt
 import xarray as xr
 from scipy.io import readsav
 
+from bella.containers import CdfFile, NumberArray, in_mhz, inflate, reading
 from bella.exceptions import InputError
 from bella.spectra.assembly import Origin, assemble, assemble_sweeps, cadence_s, date_of, shared_channels
 from bella.spectra.beside import Beside, epoch_of, read_records, timed
-from bella.spectra.bounded import inflate, reading
-from bella.spectra.cdf import CdfFile, NumberArray, in_mhz
 from bella.spectra.dynamic_spectrum import GEOCENTRIC
+from bella.spectra.minutes import with_sweeps, with_visits
 from bella.spectra.positions import EARTH_RADIUS_KM, with_positions
-from bella.spectra.wind_minutes import with_sweeps, with_visits
 
 OBSERVATORY = "WIND"
 HIGHEST_MHZ = {"rad1": 1.04, "rad2": 13.825, "tnr": 0.256}
@@ -61,8 +60,8 @@ def read_h1(cdf: CdfFile, receiver: str = "") -> tuple[xr.Dataset, ...]:
     Run on the archive file of 2010-01-17. A channel whose background is zero was interpolated between measured ones,
     and is flagged ``interpolated``; a ratio of zero is no data. Ratios of two days have two backgrounds. What the list
     mode of RAD1 did not visit in a minute is NaN, and samples have the time of the visit
-    (:mod:`bella.spectra.wind_minutes`); those of RAD2 the mean time of the sweeps in the minute
-    (:mod:`bella.spectra.wind_minutes`).
+    (:mod:`bella.spectra.minutes`); those of RAD2 the mean time of the sweeps in the minute
+    (:mod:`bella.spectra.minutes`).
 
     Parameters
     ----------

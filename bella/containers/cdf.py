@@ -10,8 +10,8 @@ import cdflib
 import numpy as np
 import numpy.typing as npt
 
+from bella.containers.bounded import READER, cpu_limit_s, reading
 from bella.exceptions import InputError
-from bella.spectra.bounded import READER, cpu_limit_s, reading
 
 TimeArray = npt.NDArray[np.datetime64]
 NumberArray = npt.NDArray[np.floating[Any]]
@@ -315,7 +315,7 @@ def open_cdf(path: Path) -> Iterator[CdfFile]:
     Raises
     ------
     InputError
-        If it is damaged, or cannot be read within the limits of :mod:`bella.spectra.bounded`.
+        If it is damaged, or cannot be read within the limits of :mod:`bella.containers.bounded`.
     """
     with READER.lock, reading(str(path), "CDF"):
         try:
