@@ -53,7 +53,7 @@ def test_what_is_not_known_is_refused_with_what_is(client: TestClient, path: str
     join = "&" if "?" in path else "?"
     named = client.get(f"/api/v1/{path}{join}format=xls")
     accepted = client.get(f"/api/v1/{path}", headers={"Accept": "image/png, text/csv;q=0"})
-    assert named.status_code == 422
+    assert named.status_code == 406
     assert "json, csv, ecsv, votable, tfcat, cdf, netcdf, parquet" in named.json()["detail"]
     assert accepted.status_code == 406
     assert "application/x-votable+xml" in accepted.json()["detail"]
