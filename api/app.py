@@ -4,12 +4,14 @@
 """
 
 from pathlib import Path
+from typing import Any
 
 from fastapi import FastAPI
 from fastapi.staticfiles import StaticFiles
 
-from api.errors import DESCRIBED, install_error_handlers
+from api.errors import DESCRIBED, Problem, install_error_handlers
 from api.headers import install_headers
+from api.links import Prefixed
 from api.pages import burst as burst_page
 from api.pages import bursts as list_page
 from api.pages import days, guide, submit
@@ -24,6 +26,7 @@ from api.routers import (
     health,
     observability,
     quirks,
+    root,
     solutions,
     status,
     tables,
@@ -34,6 +37,16 @@ from bella.logs import log_to
 from bella.settings import Settings
 
 STATIC = Path(__file__).parent / "static"
+
+
+class Described(FastAPI):
+    """An application whose description holds the shape of its errors, too."""
+
+    def openapi(self) -> dict[str, Any]:
+        """OpenAPI description of the API."""
+        if self.openapi_schema is None:
+            super().openapi()["components"]["schemas"][Problem.__name__] = Problem.model_json_schema()
+        return super().openapi()
 
 
 def create_app(settings: Settings | None = None) -> FastAPI:
@@ -48,14 +61,15 @@ def create_app(settings: Settings | None = None) -> FastAPI:
     -------
     FastAPI
     """
-    app = FastAPI(
+    app = Described(
         title="BELLA service",
         version=__version__,
         summary="Where solar radio bursts were, and how sure we are.",
         openapi_url="/api/v1/openapi.json",
-        docs_url=None,  # both viewers load their scripts from elsewhere
+        docs_url=None,  # both viewers load their scripts from elsewhere; `api.routers.root` has its own
         redoc_url=None,
         responses=DESCRIBED,
+        generate_unique_id_function=lambda route: route.name,
     )
     if settings is None:
         log_to(None)
@@ -63,7 +77,9 @@ def create_app(settings: Settings | None = None) -> FastAPI:
     app.state.service = Service(settings)
     install_error_handlers(app)
     install_headers(app)
+    app.add_middleware(Prefixed, prefix=settings.root_path)
     for module in (
+        root,
         alerts,
         bursts,
         detections,

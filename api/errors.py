@@ -10,6 +10,7 @@ import structlog
 from fastapi import FastAPI, Request, Response
 from fastapi.exceptions import RequestValidationError
 from fastapi.responses import JSONResponse
+from pydantic import BaseModel, Field
 from starlette.exceptions import HTTPException
 
 from api.rendering import is_page, render
@@ -25,23 +26,24 @@ from bella.exceptions import (
 )
 
 PROBLEM = "application/problem+json"
+
+
+class Problem(BaseModel):
+    """What is wrong, and what to do about it (RFC 9457)."""
+
+    type: str = Field(examples=["about:blank"])
+    title: str = Field(examples=["The request is wrong"])
+    status: int = Field(examples=[422])
+    detail: str = Field(examples=["start: 'noon' is not a time; write a UTC time as 2012-06-07"])
+    instance: str = Field(description="Path of the request.", examples=["/api/v1/bursts"])
+
+
 DESCRIBED: dict[int | str, dict[str, Any]] = {
-    status: {
-        "description": words,
-        "content": {
-            PROBLEM: {
-                "schema": {
-                    "type": "object",
-                    "required": ["type", "title", "status", "detail", "instance"],
-                    "properties": {name: {"type": "string"} for name in ("type", "title", "detail", "instance")}
-                    | {"status": {"type": "integer"}},
-                }
-            }
-        },
-    }
+    status: {"description": words, "content": {PROBLEM: {"schema": {"$ref": "#/components/schemas/Problem"}}}}
     for status, words in {
-        "4XX": "The request is wrong, or what it asks for does not exist: `detail` says what to do.",
-        "5XX": "It cannot be answered now; with `Retry-After` where trying again helps.",
+        "4XX": "The request is wrong (422), what it asks for does not exist (404), or not in this format (406): "
+        "`detail` says what to do.",
+        "5XX": "It cannot be answered now (503, with `Retry-After` where trying again helps), or something failed.",
     }.items()
 }
 """What every route may answer instead, for the description of the API."""

@@ -10,6 +10,7 @@ from fastapi.responses import JSONResponse
 from starlette.datastructures import Headers, MutableHeaders
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
+from api.links import own_path
 from bella import __version__
 from bella.catalogue import Solution
 
@@ -74,7 +75,7 @@ class Revalidated:
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         """Pass the request on, as GET where it is HEAD, and mark the reply."""
-        path = scope.get("path", "")
+        path = own_path(scope)
         asked = scope["type"] == "http" and scope["method"] in {"GET", "HEAD"}
         if not asked or path.startswith(AS_THEY_ARE) or "/posterior.zarr/" in path:
             await self.app(scope, receive, send)

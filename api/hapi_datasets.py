@@ -15,8 +15,8 @@ from api.tables import (
     table_of_rows,
     track_table,
 )
-from bella.catalogue import BurstQuery, BurstSummary
-from bella.formats import ARRIVALS, BURSTS, DETECTIONS, LOCALISATIONS, TRACKS, Schema
+from bella.catalogue import BurstQuery, BurstSummary, DetectionQuery, ObservedDay
+from bella.formats import ARRIVALS, BURSTS, DAYS, DETECTIONS, LATENCIES, LOCALISATIONS, TRACKS, Schema
 from bella.formats.hapi import (
     FLOAT_FILL,
     TIME_PARAMETER,
@@ -26,7 +26,7 @@ from bella.formats.hapi import (
     table_parameters,
     table_records,
 )
-from bella.pipeline.rows import all_bursts, arrival_rows
+from bella.pipeline.rows import all_bursts, all_days, arrival_rows, day_row, latency_row
 from bella.spacecraft import OBSERVATORIES, coverage, position
 
 START = np.datetime64("1994-11-01", "us")
@@ -44,6 +44,7 @@ SAME_TIME = timedelta(seconds=1)
 MOST_RECORDS = 100_000
 MOST_BURSTS_READ = 300
 MOST_DETECTIONS = 10_000
+MOST_DAYS = 36_600
 """Largest answers; of more, a request is refused with the code 1408."""
 
 SAMPLE_BURSTS = 5
@@ -97,17 +98,21 @@ def _some_bursts(service: Service, start: datetime, stop: datetime, most: int) -
 
 
 def _bursts(service: Service, start: datetime, stop: datetime) -> HapiRecords:
-    return table_records(burst_table(all_bursts(service.catalogue(), _query(start, stop))))
+    with service.catalogue().snapshot():
+        return table_records(burst_table(all_bursts(service.catalogue(), _query(start, stop))))
 
 
 def _tracks(service: Service, start: datetime, stop: datetime) -> HapiRecords:
     catalogue = service.catalogue()
-    return table_records(track_table(catalogue, all_bursts(catalogue, _query(start, stop))))
+    with catalogue.snapshot():
+        return table_records(track_table(catalogue, all_bursts(catalogue, _query(start, stop))))
 
 
 def _localisations(service: Service, start: datetime, stop: datetime) -> HapiRecords:
-    bursts = _some_bursts(service, start, stop, MOST_RECORDS // 20)
-    return table_records(localisation_table(service.catalogue(), [one.preferred for one in bursts if one.preferred]))
+    catalogue = service.catalogue()
+    with catalogue.snapshot():
+        bursts = _some_bursts(service, start, stop, MOST_RECORDS // 20)
+        return table_records(localisation_table(catalogue, [one.preferred for one in bursts if one.preferred]))
 
 
 def _arrivals(service: Service, start: datetime, stop: datetime) -> HapiRecords:
@@ -118,10 +123,10 @@ def _arrivals(service: Service, start: datetime, stop: datetime) -> HapiRecords:
 
 
 def _detections(service: Service, start: datetime, stop: datetime) -> HapiRecords:
-    found = service.catalogue().detections(start - SAME_TIME, stop, limit=MOST_DETECTIONS)
-    if len(found) == MOST_DETECTIONS:
-        raise HapiError(1408, f"{MOST_DETECTIONS} detections or more; ask for a shorter time")
-    return table_records(detection_table(found))
+    page = service.catalogue().detections(DetectionQuery(start - SAME_TIME, stop, limit=MOST_DETECTIONS))
+    if page.next_cursor:
+        raise HapiError(1408, f"more than {MOST_DETECTIONS} detections; ask for a shorter time")
+    return table_records(detection_table(page.detections))
 
 
 POSITION_STEP = timedelta(hours=1)
@@ -161,6 +166,58 @@ def _position(observatory: str, times: np.ndarray) -> np.ndarray:
     return found
 
 
+AVAILABILITY_PARAMETERS = (
+    *table_parameters(DAYS),
+    *(
+        HapiParameter(
+            f"{name.lower().replace('-', '_')}_hours",
+            "double",
+            "h",
+            f"Hours of the day of which {name} had data; unknown where nobody looked.",
+            fill=FLOAT_FILL,
+        )
+        for name in OBSERVATORIES
+    ),
+)
+
+
+def _availability(service: Service, start: datetime, stop: datetime) -> HapiRecords:
+    catalogue, last = service.catalogue(), (stop - timedelta(microseconds=1)).date()
+    if (stop - start).days > MOST_DAYS:
+        raise HapiError(1408, f"more than {MOST_DAYS} days; ask for a shorter time")
+    with catalogue.snapshot():
+        days = sorted(all_days(catalogue, start.date(), last), key=lambda one: (one.searched.day, one.searched.origin))
+        observed = {one.day: one for one in catalogue.operation.observed_between(start.date(), last)}
+    records = table_records(table_of_rows(DAYS, map(day_row, days)))
+    hours = (np.array([_hours(observed.get(one.searched.day), name) for one in days], float) for name in OBSERVATORIES)
+    return HapiRecords(AVAILABILITY_PARAMETERS, (*records.columns, *hours))
+
+
+def _hours(observed: ObservedDay | None, observatory: str) -> float:
+    """Hours of a day with data of a spacecraft; NaN where that is not known."""
+    if observed is None:
+        return np.nan
+    return sum((sum(one.fraction) for one in observed.receivers if one.observatory == observatory), 0.0)
+
+
+def _latency(service: Service, start: datetime, stop: datetime) -> HapiRecords:
+    found = service.catalogue().operation.times_between(start - SAME_TIME, stop, MOST_DETECTIONS + 1)
+    if len(found) > MOST_DETECTIONS:
+        raise HapiError(1408, f"more than {MOST_DETECTIONS} solutions; ask for a shorter time")
+    return table_records(table_of_rows(LATENCIES, (latency_row(*one) for one in found)))
+
+
+def _sample_of_days(service: Service) -> Instants | None:
+    days = [one.searched.day for one in service.catalogue().days(limit=SAMPLE_BURSTS).days]
+    return (np.datetime64(min(days), "us"), np.datetime64(max(days) + timedelta(days=1), "us")) if days else None
+
+
+def _sample_of_latencies(service: Service) -> Instants | None:
+    early, late = datetime(1994, 11, 1, tzinfo=UTC), datetime(2200, 1, 1, tzinfo=UTC)
+    times = [one.published_utc for _, one in service.catalogue().operation.times_between(early, late, SAMPLE_BURSTS)]
+    return _around(min(times), max(times) + timedelta(minutes=1)) if times else None
+
+
 def _sample_of_bursts(before: timedelta, after: timedelta) -> Callable[[Service], Instants | None]:
     def _sample(service: Service) -> Instants | None:
         found = service.catalogue().bursts(BurstQuery(limit=SAMPLE_BURSTS)).bursts
@@ -171,8 +228,7 @@ def _sample_of_bursts(before: timedelta, after: timedelta) -> Callable[[Service]
 
 
 def _sample_of_detections(service: Service) -> Instants | None:
-    early, late = (datetime.fromisoformat(f"{one}Z") for one in (START.astype("datetime64[s]"), "2200-01-01T00:00:00"))
-    starts = [one.start_utc for one in service.catalogue().detections(early, late, limit=SAMPLE_BURSTS)]
+    starts = [one.start_utc for one in service.catalogue().detections(DetectionQuery(limit=SAMPLE_BURSTS)).detections]
     return _around(min(starts) - timedelta(minutes=1), max(starts) + timedelta(minutes=30)) if starts else None
 
 
@@ -212,6 +268,17 @@ DATASETS = {
         _of_table(LOCALISATIONS, _localisations, _TIMES_OF_BURSTS, "PT1S", " Time is that of emission."),
         _of_table(ARRIVALS, _arrivals, _TIMES_OF_BURSTS, "PT1S", " Of preferred solutions."),
         _of_table(DETECTIONS, _detections, _sample_of_detections, "PT1M", _INTERVAL),
+        HapiDataset(
+            "availability",
+            "Days: what was searched, what was found",
+            "What was searched on each day, the answer, how much was found, and how long each receiver had data. Time "
+            "is the beginning of the day; a day is there once for data of each origin.",
+            "P1D",
+            AVAILABILITY_PARAMETERS,
+            _availability,
+            _sample_of_days,
+        ),
+        _of_table(LATENCIES, _latency, _sample_of_latencies, "PT1S", " Time is that of the publication."),
         HapiDataset(
             "spacecraft_positions",
             "Positions of the spacecraft, HEE",

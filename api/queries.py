@@ -5,11 +5,12 @@ from datetime import UTC, date, datetime
 from typing import Annotated, Any, Literal
 from urllib.parse import urlencode
 
+from fastapi import Path
 from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Field, WithJsonSchema, field_validator
 from pydantic_core import PydanticCustomError
 
 from bella.answer import Grade
-from bella.catalogue import RANGES, BurstQuery, EventQuery, Solution
+from bella.catalogue import RANGES, BurstQuery, DetectionQuery, EventQuery, Solution, SolutionQuery, SourceQuery
 from bella.exceptions import InputError, NoDataError
 from bella.flags import FLAGS
 from bella.linked_events import KINDS, EventKind
@@ -27,10 +28,27 @@ BurstSort = Literal[
 ]  # fmt: skip
 """`bella.catalogue.BURST_SORTS`, forwards and backwards."""
 
+DetectionTier = Literal["localisable", "catalogued", "rejected"]
+
 MOST = 1e9
 """No number that is asked for is larger."""
 
-NEWEST_FIRST: BurstSort = "-start"
+BurstId = Annotated[str, Path(description="Id of a burst.", examples=["T3-20120607-1929"])]
+SolutionId = Annotated[
+    str,
+    Path(
+        description="Id of a solution.",
+        examples=["T3-20120607-1929.half_maximum.posterior.default.2d.v1"],
+    ),
+]
+DayText = Annotated[
+    str,
+    WithJsonSchema({"type": "string", "format": "date", "examples": ["2012-06-07"]}),
+    Path(description="Day, UTC.", examples=["2012-06-07"]),
+]
+SubmissionId = Annotated[str, Path(description="Id of a submission.", examples=["S-20120607-0123456789ab"])]
+
+NEWEST_FIRST: Literal["-start"] = "-start"
 CURSOR = Field(None, description="Where to go on: taken from `next` of the reply before.")
 
 
@@ -46,6 +64,9 @@ EMPTY_IS_NONE = BeforeValidator(lambda value: None if value == "" else value)
 """A form sends what is not filled in as an empty text."""
 
 Asked = Annotated[str | None, EMPTY_IS_NONE]
+_TIME_TEXT = {"type": "string", "anyOf": [{"format": "date"}, {"format": "date-time"}]}
+TimeAsked = Annotated[str | None, EMPTY_IS_NONE, WithJsonSchema(_TIME_TEXT)]
+DayAsked = Annotated[str | None, EMPTY_IS_NONE, WithJsonSchema({"type": "string", "format": "date"})]
 Bound = Annotated[Annotated[float, Field(ge=-MOST, le=MOST, allow_inf_nan=False)] | None, EMPTY_IS_NONE]
 Angle = Annotated[Annotated[float, Field(ge=-360, le=360, allow_inf_nan=False)] | None, EMPTY_IS_NONE]
 
@@ -99,9 +120,9 @@ class OriginChoice(_Query):
 class BurstSelection(OriginChoice):
     """Which bursts are asked for; without parameters, all that stand and are of real data."""
 
-    start: Asked = Field(None, description="Bursts that start at this UTC time or later.", examples=["2012-06-01"])
-    stop: Asked = Field(None, description="Bursts that start before this UTC time.", examples=["2012-07-01"])
-    updated_since: Asked = Field(
+    start: TimeAsked = Field(None, description="Bursts that start at this UTC time or later.", examples=["2012-06-01"])
+    stop: TimeAsked = Field(None, description="Bursts that start before this UTC time.", examples=["2012-07-01"])
+    updated_since: TimeAsked = Field(
         None, description="Bursts of which something was changed at this UTC time or later.", examples=["2026-01-01"]
     )
     observatory: Names = Field([], description="Observatories that must all have heard the burst; repeatable.")
@@ -141,9 +162,7 @@ class BurstSelection(OriginChoice):
         InputError
             If a time cannot be read or start is not before stop.
         """
-        start, stop = (parse_utc(getattr(self, name), name) for name in ("start", "stop"))
-        if start and stop and start >= stop:
-            raise InputError("start: is not before stop; exchange them, or leave one out")
+        start, stop = _interval(self.start, self.stop)
         bounds = {f"{name}_{end}": getattr(self, f"{name}_{end}") for name in RANGES for end in ("min", "max")}
         for name in RANGES:
             least, most = bounds[f"{name}_min"], bounds[f"{name}_max"]
@@ -181,6 +200,34 @@ class BurstFilter(BurstSelection):
         return replace(super().query(), sort=self.sort, cursor=self.cursor, limit=self.limit)
 
 
+def _interval(start: str | None, stop: str | None) -> tuple[datetime | None, datetime | None]:
+    """Times of [start, stop).
+
+    Raises
+    ------
+    InputError
+        If one cannot be read or start is not before stop.
+    """
+    first, last = parse_utc(start, "start"), parse_utc(stop, "stop")
+    if first and last and first >= last:
+        raise InputError("start: is not before stop; exchange them, or leave one out")
+    return first, last
+
+
+def _days_of(first: str | None, last: str | None) -> tuple[date | None, date | None]:
+    """Days of [first, last].
+
+    Raises
+    ------
+    InputError
+        If one cannot be read or the first is after the last.
+    """
+    begin, end = (None if text is None else parse_day(text.strip()) for text in (first, last))
+    if begin and end and begin > end:
+        raise InputError("from: is after to; exchange them, or leave one out")
+    return begin, end
+
+
 def _observatory(name: str) -> str:
     """Name of a spacecraft as it is used here, of a name as people write it.
 
@@ -196,27 +243,98 @@ def _observatory(name: str) -> str:
 
 
 class DetectionFilter(OriginChoice):
-    """Which detections are asked for."""
+    """Which detections are asked for, in which order, and which page of them."""
 
-    start: str = Field(description="Onsets at this UTC time or later.", examples=["2020-07-21"])
-    stop: str = Field(description="Onsets before this UTC time.", examples=["2020-07-22"])
-    observatory: str | None = Field(None, description="Spacecraft; without it, all.")
+    start: TimeAsked = Field(None, description="Onsets at this UTC time or later.", examples=["2020-07-21"])
+    stop: TimeAsked = Field(None, description="Onsets before this UTC time.", examples=["2020-07-22"])
+    observatory: Asked = Field(None, description="Spacecraft; without it, all.", examples=["WIND"])
+    tier: Annotated[DetectionTier | None, EMPTY_IS_NONE] = Field(None, description="Without it, all.")
+    burst: Asked = Field(None, description="Burst that they belong to; without it, all.")
+    sort: Literal["start", "-start"] = Field(NEWEST_FIRST, description="By onset: ascending, or the newest first.")
     limit: int = Field(1000, ge=1, le=5000, description="Detections per reply.")
+    cursor: Asked = CURSOR
 
-    def interval(self) -> tuple[datetime, datetime]:
-        """Times that are asked for.
+    def query(self) -> DetectionQuery:
+        """Question to the catalogue.
 
         Raises
         ------
         InputError
             If a time cannot be read or start is not before stop.
         """
-        start, stop = parse_utc(self.start, "start"), parse_utc(self.stop, "stop")
-        if start is None or stop is None:
-            raise InputError(f"start, stop: one is empty; {TIME_HINT}")
-        if start >= stop:
-            raise InputError("start: is not before stop; exchange them")
-        return start, stop
+        start, stop = _interval(self.start, self.stop)
+        return DetectionQuery(
+            start=start,
+            stop=stop,
+            observatory=None if self.observatory is None else _observatory(self.observatory),
+            tier=self.tier,
+            burst_id=self.burst,
+            sort=self.sort,
+            cursor=self.cursor,
+            limit=self.limit,
+            origins=frozenset(self.origins),
+        )
+
+
+class SolutionFilter(OriginChoice):
+    """Which solutions are asked for, in which order, and which page of them."""
+
+    burst: Asked = Field(None, description="Of this burst; without it, of all.", examples=["T3-20120607-1929"])
+    edge: Names = Field([], description="Edges of light curves that they come from; repeatable.")
+    method: Methods = Field([], description="Methods that they come from; repeatable.")
+    preset: Names = Field([], description="Presets that they come from; repeatable.")
+    newest: bool = Field(False, description="True: without those that another version supersedes.")
+    created_since: TimeAsked = Field(None, description="Published at this UTC time or later.", examples=["2026-01-01"])
+    retracted: bool = Field(False, description="True: with those that were retracted.")
+    sort: Literal["created", "-created"] = Field("-created", description="By publication; the newest first.")
+    limit: int = Field(50, ge=1, le=1000, description="Solutions per reply.")
+    cursor: Asked = CURSOR
+
+    def query(self) -> SolutionQuery:
+        """Question to the catalogue.
+
+        Raises
+        ------
+        InputError
+            If a time cannot be read.
+        """
+        return SolutionQuery(
+            burst_id=self.burst,
+            edges=frozenset(self.edge),
+            methods=frozenset(self.method),
+            presets=frozenset(self.preset),
+            newest=self.newest,
+            created_since=parse_utc(self.created_since, "created_since"),
+            sort=self.sort,
+            cursor=self.cursor,
+            limit=self.limit,
+            origins=frozenset(self.origins),
+            with_retracted=self.retracted,
+        )
+
+
+class SourceFilter(_Query):
+    """Which files are asked for, in which order, and which page of them."""
+
+    dataset: Asked = Field(None, description="Data set; without it, all.", examples=["WI_H1_WAV"])
+    first: DayAsked = Field(None, alias="from", description="Of this day or later.", examples=["2020-07-01"])
+    last: DayAsked = Field(None, alias="to", description="Of this day or earlier.", examples=["2020-07-31"])
+    updated_since: TimeAsked = Field(None, description="Known, or changed, at this UTC time or later.")
+    sort: Literal["day", "-day", "updated", "-updated"] = Field("-day", description="The newest day first.")
+    limit: int = Field(100, ge=1, le=1000, description="Files per reply.")
+    cursor: Asked = CURSOR
+
+    def query(self) -> SourceQuery:
+        """Question to the catalogue.
+
+        Raises
+        ------
+        InputError
+            If a day or a time cannot be read, or the first day is after the last.
+        """
+        first, last = _days_of(self.first, self.last)
+        since = parse_utc(self.updated_since, "updated_since")
+        return SourceQuery(self.dataset, first, last, since, self.sort, self.cursor, self.limit)
 
 
 class EventFilter(_Query):
@@ -248,9 +366,10 @@ class EventFilter(_Query):
 class DayFilter(OriginChoice):
     """Which searched days are asked for; without parameters, the newest."""
 
-    first: Asked = Field(None, alias="from", description="This day or later.", examples=["2020-07-01"])
-    last: Asked = Field(None, alias="to", description="This day or earlier.", examples=["2020-07-31"])
+    first: DayAsked = Field(None, alias="from", description="This day or later.", examples=["2020-07-01"])
+    last: DayAsked = Field(None, alias="to", description="This day or earlier.", examples=["2020-07-31"])
     limit: int = Field(62, ge=1, le=366, description="Days per reply.")
+    cursor: Asked = CURSOR
 
     def span(self) -> tuple[date | None, date | None]:
         """First and last day; None where there is no bound.
@@ -260,10 +379,7 @@ class DayFilter(OriginChoice):
         InputError
             If a day cannot be read or the first is after the last.
         """
-        first, last = (None if text is None else parse_day(text.strip()) for text in (self.first, self.last))
-        if first and last and first > last:
-            raise InputError("from: is after to; exchange them, or leave one out")
-        return first, last
+        return _days_of(self.first, self.last)
 
     def onward(self, last: date) -> str:
         """Query of an address that asks for the same days, but none after this one."""
@@ -315,7 +431,9 @@ class SeriesChoice(_Query):
 class FrequencyChoice(SeriesChoice):
     """Which channel of each track."""
 
-    frequency_mhz: float = Field(gt=0, le=1000, allow_inf_nan=False, description="The nearest channel is taken.")
+    frequency_mhz: float = Field(
+        gt=0, le=1000, allow_inf_nan=False, description="The nearest channel is taken.", examples=[0.5]
+    )
 
 
 def parse_day(text: str) -> date:

@@ -12,6 +12,7 @@ from fastapi.responses import HTMLResponse
 from jinja2 import Environment, FileSystemLoader, StrictUndefined, pass_context
 from jinja2.runtime import Context
 
+from api.links import linked_text, own_path
 from api.wording import answer_class, answer_words, flag_meaning, reason_words
 from bella import __version__
 from bella.answer import interval_68, wind_gap, written_68, written_wind
@@ -25,7 +26,7 @@ MINUS, DASH = "\N{MINUS SIGN}", "\N{EN DASH}"
 def is_page(request: Request) -> bool:
     """Whether a request is for a page, not for the API or a file."""
     accepts = request.headers.get("accept", "")
-    return "text/html" in accepts and not request.url.path.startswith(("/api/", "/health", "/static/"))
+    return "text/html" in accepts and not own_path(request.scope).startswith(("/api/", "/health", "/static/"))
 
 
 def render(
@@ -50,9 +51,9 @@ def render(
     text = (
         environment()
         .get_template(template)
-        .render(path=request.url.path, query=request.query_params.multi_items(), status=status, **values)
+        .render(path=own_path(request.scope), query=request.query_params.multi_items(), status=status, **values)
     )
-    return HTMLResponse(text, status, {"Cache-Control": "no-cache", **(headers or {})})
+    return HTMLResponse(linked_text(text), status, {"Cache-Control": "no-cache", **(headers or {})})
 
 
 @cache

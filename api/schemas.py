@@ -8,9 +8,11 @@ from typing import Any, Literal
 from urllib.parse import urlencode
 
 from pydantic import BaseModel, ConfigDict, Field
+from typing_extensions import TypeAliasType
 
 from api.calibration import CalibrationReply, calibration_of
 from api.event_section import LinkedEventReply
+from api.links import linked
 from api.wording import APPARENT_SOURCE
 from bella.catalogue import (
     UNSEARCHED,
@@ -24,9 +26,12 @@ from bella.catalogue import (
     Submission,
 )
 from bella.linked_events import Link
-from bella.records import REAL_ORIGINS, DayAnswer, Origin
+from bella.records import REAL_ORIGINS, DayAnswer, JointTrack, Origin
 
 API = "/api/v1"
+
+Json = TypeAliasType("Json", "str | bool | int | float | list[Json] | dict[str, Json] | None")
+"""Any value of JSON."""
 
 
 class Reply(BaseModel):
@@ -88,11 +93,13 @@ class DetectionReply(Reply):
 
 
 class DetectionsReply(Reply):
-    """Detections of a time range."""
+    """One page of detections."""
 
     detections: list[DetectionReply]
+    total: int = Field(description="Detections that match, on all pages.")
     returned: int
-    truncated: bool = Field(description="Whether there are more: ask for a shorter range.")
+    truncated: bool = Field(description="True when more follow: go on at `next`.")
+    next: str | None
 
 
 class DayReply(Reply):
@@ -230,7 +237,8 @@ class SolutionReply(Said):
     def of(cls, solution: Solution) -> "SolutionReply":
         """Reply for a solution of the catalogue."""
         series = solution.series
-        burst = f"{API}/bursts/{solution.burst_id}"
+        burst = linked(f"{API}/bursts/{solution.burst_id}")
+        own = linked(f"{API}/solutions/{solution.solution_id}")
         pick = urlencode(
             {"edge": series.edge, "method": series.method, "preset": series.preset, "version": solution.version}
         )
@@ -256,12 +264,12 @@ class SolutionReply(Said):
             created_utc=solution.created_utc,
             reference_utc=solution.reference_utc,
             links={
-                "self": f"{API}/solutions/{solution.solution_id}",
+                "self": own,
                 "track": f"{burst}/track?{pick}",
                 "track_csv": f"{burst}/track?{pick}&format=csv",
                 "posterior": f"{burst}/posterior?{pick}",
-                "zarr": zarr_path(solution),
-                "calibration": f"{API}/solutions/{solution.solution_id}/calibration",
+                "zarr": linked(zarr_path(solution)),
+                "calibration": f"{own}/calibration",
             },
         )
 
@@ -271,6 +279,34 @@ class SolutionWithSourcesReply(SolutionReply):
 
     sources: list[SourceReply]
     calibration: CalibrationReply = Field(description="How often answers about simulated bursts like this one held.")
+
+
+class SolutionsReply(Reply):
+    """One page of solutions."""
+
+    solutions: list[SolutionReply]
+    total: int = Field(description="Solutions that match, on all pages.")
+    returned: int
+    truncated: bool = Field(description="True when more follow: go on at `next`.")
+    next: str | None
+
+
+class FileReply(SourceReply):
+    """A file of the archive, or a submitted table, that solutions were made from."""
+
+    state: str
+    received_utc: datetime = Field(description="Since when the catalogue knows of it.")
+    changed_utc: datetime
+
+
+class FilesReply(Reply):
+    """One page of files."""
+
+    files: list[FileReply]
+    total: int = Field(description="Files that match, on all pages.")
+    returned: int
+    truncated: bool = Field(description="True when more follow: go on at `next`.")
+    next: str | None
 
 
 class PreferenceReply(Reply):
@@ -343,7 +379,7 @@ class BurstReply(Reply):
 
 
 class BurstsReply(Reply):
-    """One page of bursts in the order of their start."""
+    """One page of bursts."""
 
     bursts: list[BurstReply]
     total: int = Field(description="Bursts that match, on all pages.")
@@ -369,31 +405,58 @@ class TrackFitReply(Reply):
     """Every fit to the track of a solution; parameters have mean, sd and quantiles, and None where there is no fit."""
 
     model_config = ConfigDict(frozen=True, extra="allow")
+    __pydantic_extra__: dict[str, Json]
 
     frame: Literal["HEE"] = "HEE"
     remark: str = APPARENT_SOURCE
     rotation_period_d: float | None = Field(
         default=None, description="Rotation period of the Sun, days, that the speeds of `joint` and `two_step` rest on."
     )
-    joint: dict[str, Any] | None = Field(
+    joint: JointTrack | dict[str, Json] | None = Field(
         default=None,
         description="One source on one spiral, fitted to the arrival times of all frequencies together; distance "
         "and time of emission are free (docs/tracks.md). Its draws are `joint_draws` of the Zarr group. Flags: "
         "docs/quality-flags.md, track fit.",
     )
-    two_step: dict[str, Any] | None = Field(
+    two_step: dict[str, Json] | None = Field(
         default=None, description="Line through the positions; errors are formal and too small."
     )
-    two_step_other_rotations: dict[str, dict[str, Any]] = Field(
+    two_step_other_rotations: dict[str, dict[str, Json]] = Field(
         default_factory=dict, description="The same by other rotation periods, days."
     )
-    companions: dict[str, dict[str, Any]] = Field(
+    companions: dict[str, dict[str, Json]] = Field(
         default_factory=dict,
         description="What other methods say: `semp`, `weighted`, `piecewise`, `density_excess`, `scattering`, "
         "`footpoint`, `wind`, `triangulation`, `fused`, `models`. Each has `flags`; with `not_computed` it "
         "has a `reason` and nothing else.",
     )
-    published: dict[str, Any] | None = Field(default=None, description="What a paper says of this track, if it does.")
+    published: dict[str, Json] | None = Field(default=None, description="What a paper says of this track, if it does.")
+
+
+class LocalisationReply(Reply):
+    """Apparent source at one frequency: HEE, solar radii; null for what is not known."""
+
+    frequency_mhz: float
+    x_rsun: float | None = Field(description="To Earth.")
+    y_rsun: float | None = Field(description="West.")
+    z_rsun: float | None = Field(description="Ecliptic north.")
+    cov_xx_rsun2: float | None
+    cov_xy_rsun2: float | None
+    cov_yy_rsun2: float | None
+    cov_xz_rsun2: float | None = Field(description="Null, like the others of z, for a source in the ecliptic.")
+    cov_yz_rsun2: float | None
+    cov_zz_rsun2: float | None
+    area68_rsun2: float | None = Field(description="Area of the 68 % region (its section by the ecliptic).")
+    area95_rsun2: float | None
+    modes: int = Field(description="Separate parts of the 95 % region.")
+    emission_utc: datetime = Field(description="When the wave left the source.")
+    v_over_c: float | None = Field(description="Propagation speed.")
+    v_over_c_sd: float | None
+    contraction_x: float | None = Field(description="Posterior over prior width.")
+    contraction_y: float | None
+    contraction_v: float | None
+    log_evidence: float | None
+    flags: str = Field(description="Separated by semicolons.")
 
 
 class TrackReply(Said):
@@ -404,7 +467,7 @@ class TrackReply(Said):
     remark: str = APPARENT_SOURCE
     solution: SolutionReply
     track_fit: TrackFitReply
-    localisations: list[dict[str, Any]]
+    localisations: list[LocalisationReply]
 
 
 class PosteriorReply(Said):
@@ -417,8 +480,59 @@ class PosteriorReply(Said):
     zarr_url: str
     draws: int = Field(description="Draws per frequency in the Zarr group.")
     units: dict[str, str]
-    summary: dict[str, list[Any]] = Field(description="One list per variable, as long as `frequency_mhz`.")
-    attributes: dict[str, Any]
+    summary: dict[str, list[float | bool | str | None]] = Field(
+        description="One list per variable, as long as `frequency_mhz`."
+    )
+    attributes: dict[str, Json]
+
+
+class OutlineReply(Reply):
+    """Outline of a region, solar radii; null between its parts."""
+
+    x: list[float | None]
+    y: list[float | None]
+
+
+class RegionReply(Reply):
+    """Numbers and credible regions of one track at one channel."""
+
+    edge: str
+    label: str = Field(description="The edge in words.")
+    solution_id: str
+    preferred: bool
+    frequency_mhz: float
+    x_rsun: float | None
+    y_rsun: float | None
+    range_rsun: float | None
+    range_sd_rsun: float | None
+    longitude_deg: float | None
+    longitude_sd_deg: float | None
+    area68_rsun2: float | None
+    area95_rsun2: float | None
+    contraction_v: float | None
+    speed: str = Field(description="What the times say of the propagation speed.")
+    region68: OutlineReply
+    region95: OutlineReply
+
+
+class TableColumnReply(Reply):
+    """A column of a table."""
+
+    name: str
+    kind: Literal["time", "float", "int", "bool", "text"]
+    unit: str | None
+    ucd: str
+    description: str
+
+
+class TableReply(Reply):
+    """A table: what holds for all of it, its columns, and its rows; null for what is not known."""
+
+    table: str
+    title: str
+    header: dict[str, str]
+    columns: list[TableColumnReply]
+    rows: list[dict[str, str | bool | int | float | None]]
 
 
 class RegionsReply(Reply):
@@ -427,7 +541,7 @@ class RegionsReply(Reply):
     burst_id: str
     frame: Literal["HEE"] = "HEE"
     remark: str = APPARENT_SOURCE
-    regions: list[dict[str, Any]]
+    regions: list[RegionReply]
 
 
 class SubmissionReply(Reply):
@@ -446,9 +560,9 @@ class SubmissionReply(Reply):
     def of(cls, submission: Submission) -> "SubmissionReply":
         """Reply for a submission of the catalogue."""
         waiting = "waits for the next scheduled run" if submission.state == "received" else ""
-        links = {"self": f"{API}/arrivals/{submission.submission_id}"}
+        links = {"self": linked(f"{API}/arrivals/{submission.submission_id}")}
         if submission.burst_id:
-            links["burst"] = f"{API}/bursts/{submission.burst_id}"
+            links["burst"] = linked(f"{API}/bursts/{submission.burst_id}")
         return cls(
             submission_id=submission.submission_id,
             sha256=submission.sha256,
@@ -476,31 +590,31 @@ def zarr_path(solution: Solution) -> str:
 
 def figure_path(solution: Solution, name: str) -> str:
     """Address path of a figure of a solution."""
-    return f"{API}/solutions/{solution.solution_id}/figures/{name}"
+    return linked(f"{API}/solutions/{solution.solution_id}/figures/{name}")
 
 
 def day_links(day: date, origin: Origin = Origin.ARCHIVE) -> dict[str, str]:
     """Addresses of everything about a searched day; those of simulated and test data ask for their origin."""
-    base = f"{API}/days/{day}"
+    base = linked(f"{API}/days/{day}")
     asked = {} if origin in REAL_ORIGINS else {"origin": origin.value}
     heard = urlencode({"start": day, "stop": day + timedelta(days=1), **asked})
     tail = f"?{urlencode(asked)}" if asked else ""
     return {
         "self": f"{base}{tail}",
-        "page": f"/days/{day}{tail}",
+        "page": linked(f"/days/{day}{tail}"),
         "figure": f"{base}/figure{tail}",
-        "detections": f"{API}/detections?{heard}",
+        "detections": linked(f"{API}/detections?{heard}"),
     }
 
 
 def burst_links(burst: Burst) -> dict[str, str]:
     """Addresses of everything about a burst."""
-    base = f"{API}/bursts/{burst.burst_id}"
+    base = linked(f"{API}/bursts/{burst.burst_id}")
     parts = ("versions", "track", "posterior", "events")
     figures = {f"figure_{name}": f"{base}/figures/{name}" for name in ("constellation", "spectra")}
     return {
         "self": base,
-        "page": f"/bursts/{burst.burst_id}",
+        "page": linked(f"/bursts/{burst.burst_id}"),
         **{part: f"{base}/{part}" for part in parts},
         **figures,
     }

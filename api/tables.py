@@ -2,14 +2,17 @@
 
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import asdict
+from itertools import islice
+from typing import Annotated, Any, Literal
 
 from fastapi import Request, Response
-from pydantic import Field
+from pydantic import BaseModel, Field, WithJsonSchema
 
 from api.errors import NotAcceptableError
 from api.queries import BurstFilter, DetectionFilter, EventFilter, SolutionChoice
 from api.wording import APPARENT_SOURCE
-from bella.catalogue import BurstSummary, Catalogue, Detection, Solution
+from bella.catalogue import BurstPage, BurstQuery, BurstSummary, Catalogue, Detection, Solution
+from bella.exceptions import InputError
 from bella.formats import (
     BURSTS,
     DETECTIONS,
@@ -22,24 +25,54 @@ from bella.formats import (
     find_format,
     record_table,
 )
-from bella.pipeline.rows import burst_row, localisation_rows, track_rows
+from bella.pipeline.rows import all_bursts, burst_row, localisation_rows, track_rows
 
-FORMAT = Field(None, description=f"{', '.join(FORMATS)}; without it, as the Accept header says.")
+FORMAT = Field(None, description="Without it, as the Accept header says.")
+FormatName = Annotated[str | None, WithJsonSchema({"type": "string", "enum": [*FORMATS]})]
+"""What is none of these is answered as the Accept header would be: with 406."""
+
 JSON = FORMATS["json"]
 FRAME = {"frame": "HEE, solar radii; times UTC", "remark": APPARENT_SOURCE}
 PAGE = 1000
+MOST_BURSTS = 20_000
+"""In one reply."""
 
 
 class BurstTableFilter(BurstFilter):
-    """Which bursts are asked for, and in which format."""
+    """Which bursts are asked for, in which format; a page of them, or all in one file."""
 
-    format: str | None = FORMAT
+    limit: Annotated[int, Field(ge=1, le=1000)] | Literal["all"] = Field(  # type: ignore[assignment]
+        50,
+        description="Bursts per reply; `all` for everything that the query finds, in one reply.",
+        union_mode="left_to_right",
+    )
+    format: FormatName = FORMAT
+
+    def query(self) -> BurstQuery:
+        """Question to the catalogue, of the first page where all are asked for."""
+        paged = self.model_copy(update={"limit": PAGE}) if self.limit == "all" else self
+        return BurstFilter.query(paged)
+
+    def found(self, catalogue: Catalogue) -> BurstPage:
+        """Bursts of the page, or all.
+
+        Raises
+        ------
+        InputError
+            If these are too many for one reply.
+        """
+        if self.limit != "all":
+            return catalogue.bursts(self.query())
+        bursts = tuple(islice(all_bursts(catalogue, self.query()), MOST_BURSTS + 1))
+        if len(bursts) > MOST_BURSTS:
+            raise InputError(f"limit: more than {MOST_BURSTS} bursts in one reply; ask for a shorter time")
+        return BurstPage(bursts, None, len(bursts))
 
 
 class DetectionTableFilter(DetectionFilter):
     """Which detections are asked for, and in which format."""
 
-    format: str | None = FORMAT
+    format: FormatName = FORMAT
 
 
 class EventTableFilter(EventFilter):
@@ -51,13 +84,20 @@ class EventTableFilter(EventFilter):
 class TableChoice(SolutionChoice):
     """Which solution, in which format."""
 
-    format: str | None = FORMAT
+    format: FormatName = FORMAT
 
 
 class ArrivalChoice(TableChoice):
     """Which solution, of which spacecraft, in which format."""
 
     observatory: str | None = Field(None, description="Spacecraft; without it, all.")
+
+
+def in_all_formats(description: str, in_json: type[BaseModel]) -> dict[int | str, dict[str, Any]]:
+    """What a route answers that has every format, for the description of the API."""
+    binary = {"type": "string", "contentMediaType": "application/octet-stream"}
+    others = {one.media_type: {"schema": binary} for one in FORMATS.values() if one is not JSON}
+    return {200: {"description": description, "model": in_json, "content": others}}
 
 
 def asked_format(request: Request, asked: str | None) -> Format:
@@ -74,13 +114,14 @@ def asked_format(request: Request, asked: str | None) -> Format:
 
     Raises
     ------
-    InputError
-        If the name is not known.
     NotAcceptableError
-        If the header allows none of the formats.
+        If the name is not known, or the header allows none of the formats.
     """
     if asked:
-        return find_format(asked.strip().lower())
+        try:
+            return find_format(asked.strip().lower())
+        except InputError as error:
+            raise NotAcceptableError(str(error)) from error
     accept = request.headers.get("accept", "")
     by_type = {one.media_type: one for one in FORMATS.values()}
     wanted = sorted(_accepted(accept), key=lambda part: -part[1])
@@ -124,6 +165,11 @@ def table_reply(chosen: Format, table: RecordTable, name: str, following: str | 
     return Response(chosen.write(table), media_type=chosen.media_type, headers=headers)
 
 
+def next_address(request: Request, cursor: str | None) -> str | None:
+    """Address of the page after this one; None on the last."""
+    return str(request.url.include_query_params(cursor=cursor)) if cursor else None
+
+
 def table_of_rows(schema: Schema, rows: Iterable[Mapping[str, object]], **header: str) -> RecordTable:
     """Table with the frame and the remark about apparent sources in its header."""
     return record_table(schema, rows, {**FRAME, **header})
@@ -141,9 +187,9 @@ def detection_table(found: Iterable[Detection]) -> RecordTable:
 
 def track_table(catalogue: Catalogue, summaries: Iterable[BurstSummary]) -> RecordTable:
     """Table of the joint tracks of the preferred solutions of bursts; bursts without a track are left out."""
-    return table_of_rows(TRACKS, (row for one in summaries for row in track_rows(catalogue, one)))
+    return table_of_rows(TRACKS, track_rows(catalogue, summaries))
 
 
 def localisation_table(catalogue: Catalogue, solutions: Iterable[Solution]) -> RecordTable:
     """Table of the sources of solutions at each frequency."""
-    return table_of_rows(LOCALISATIONS, (row for one in solutions for row in localisation_rows(catalogue, one)))
+    return table_of_rows(LOCALISATIONS, localisation_rows(catalogue, solutions))

@@ -51,6 +51,12 @@ class Settings(BaseSettings):
     public_url: str = Field(
         default="", description="Address of the service as its readers know it, which alerts to webhooks point to."
     )
+    root_path: str = Field(
+        default="",
+        pattern=r"^(/[A-Za-z0-9._~-]+)*/?$",
+        description="Prefix of all addresses of the service behind a proxy, such as /bella. Without it the header "
+        "X-Forwarded-Prefix of a proxy on this machine is taken.",
+    )
     private_webhooks: bool = Field(
         default=False,
         description="Whether alerts may be sent to addresses on this machine and in private networks, and without TLS.",

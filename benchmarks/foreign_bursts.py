@@ -253,6 +253,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--bursts", type=int, default=10, help="per stratum")
     parser.add_argument("--seed", type=int, default=1)
+    parser.add_argument("--strata", nargs="*", default=list(STRATA), choices=list(STRATA))
     chosen = parser.parse_args()
     console = Console(width=150)
     bursts = Table(
@@ -260,12 +261,15 @@ def main() -> None:
     )
     with tempfile.TemporaryDirectory() as folder:
         for number, stratum in enumerate(STRATA):
+            if stratum not in chosen.strata:
+                continue
             rng = np.random.default_rng([chosen.seed, number])
             tries = [
                 judged(burst_of(stratum, rng), Path(folder), rng)
                 for _ in progress(range(chosen.bursts), stratum, console=Console(stderr=True))
             ]
             bursts.add_row(stratum, *summary(tries))
+            console.print(stratum, *summary(tries), sep=" | ")
             for one in tries:
                 console.print(stratum, one.why or f"{one.error_deg:.1f} deg", ", ".join(one.flags))
         clocks = Table("receivers", "late by", "positions 68 / 95 %", "flagged")

@@ -1,10 +1,11 @@
 """Replay of simulated days with the latency of each data set, quiet and with faults: ``python -m benchmarks.replay``.
 
 Days of the fleet of November 2021 are simulated, one burst each. On a clock that is run fast their files become visible
-in an archive as they do in the real one: the quick products, then level 2 and level 3, then files that are replaced by
-``_v02``. After every step ``bella run`` processes what is visible: once in peace, and once with kill -9 at random
-instants, several runs at a time, archives that do not answer, and a full disk. In the end both catalogues must be the
-same, byte for byte.
+in an archive as they do in the real one: the key parameters, then level 2 and level 3, then files that are replaced by
+``_v02``. After every step ``bella run`` processes what is visible: once undisturbed, without Prefect, on SQLite; and
+once with PostgreSQL and a Prefect server that are killed at random instants as the command itself is, a clock that is
+wrong, several runs at a time, archives that do not answer, and a full disk, while the API is asked for bursts every
+second. In the end both catalogues must be the same, byte for byte.
 """
 
 import argparse
@@ -31,6 +32,7 @@ import numpy as np
 from bella.archive import find_datasets
 from bella.catalogue import BurstQuery, Catalogue
 from bella.exceptions import BellaError
+from bella.pipeline.housekeeping import sweep_store
 from bella.records import Origin
 from bella.settings import Settings
 from bella.simulation.archive_days import write_spectra
@@ -39,6 +41,7 @@ from bella.simulation.instruments import instruments
 from bella.simulation.sky import Conditions
 from bella.simulation.strata import isolated_burst
 from bella.store import open_group
+from benchmarks.services import Services
 
 BELLA = str(Path(sys.executable).with_name("bella"))
 FIRST_GUESS_S = 5.0
@@ -49,8 +52,9 @@ FIRST_DAY = date(2021, 11, 1)
 DAY = timedelta(days=1)
 
 LATENCY_D = {
-    "WI_H1_WAV": 1,  # in place of the key parameters K0, which cannot be simulated
+    "WI_K0_WAV": 1,
     "STEREO_LEVEL2_SWAVES": 2,
+    "WI_H1_WAV": 15,
     "WI_L2_WAV_RAD1": 15,
     "WI_L2_WAV_RAD2": 15,
     "STA_L3_WAV_LFR": 30,
@@ -69,10 +73,19 @@ STEP_D = 6
 """Days of the fast clock after which what has become visible is processed."""
 
 DISK_MB = 1500
+FAULTS = ("outage", "data set away", "full disk", "duplicates", "wrong clock", "full disk")
+MOST_S = 900.0
+"""Time in which a run ends, whatever is killed under it."""
+
 MOST_RUNS = 8
 """Runs in which a step must be done once the faults are over; a killed one may have left a lease of a few seconds."""
 
-DRAWS = 100
+DRAWS, LEASE_S = 100, 5
+CLOCKS = ("+3h", "-3h")
+"""Clocks that a run may have in place of the right one, as ``faketime`` takes them."""
+
+SERVICES = ("database", "prefect")
+"""What is killed beside the command itself."""
 
 
 @dataclass(frozen=True)
@@ -88,6 +101,7 @@ class Plan:
         Keys of `LATENCY_D`.
     has_revisions : bool
         Whether files of `REVISED` are replaced.
+    first : datetime.date
     """
 
     days: int
@@ -96,11 +110,12 @@ class Plan:
     duplicates: int = 4
     datasets: tuple[str, ...] = tuple(LATENCY_D)
     has_revisions: bool = True
+    first: date = FIRST_DAY
 
     @property
     def all_days(self) -> list[date]:
         """Days of the replay."""
-        return [FIRST_DAY + number * DAY for number in range(self.days)]
+        return [self.first + number * DAY for number in range(self.days)]
 
 
 @dataclass
@@ -110,6 +125,8 @@ class Home:
     Attributes
     ----------
     path, archive : pathlib.Path
+    services : Services or None
+        That its runs use; None for SQLite without Prefect.
     runs_s, rss_mb : list of float
         Duration and largest memory of every run that was not killed.
     latency_s : list of float
@@ -118,26 +135,37 @@ class Home:
         How often each fault was met.
     growth : list of tuple of int
         Files of the store and rows of the catalogue after every step.
+    turn : list of str
+        Faults that come next: each once, in a random order, then all again.
     """
 
     path: Path
     archive: Path
+    services: Services | None = None
     runs_s: list[float] = field(default_factory=list)
     rss_mb: list[float] = field(default_factory=list)
     latency_s: list[float] = field(default_factory=list)
     faults: dict[str, int] = field(default_factory=dict)
     growth: list[tuple[int, int]] = field(default_factory=list)
+    turn: list[str] = field(default_factory=list)
 
     @property
     def settings(self) -> Settings:
         """Settings with which its results are read."""
-        return Settings(home=self.path)
+        url = self.services.environment["BELLA_DATABASE_URL"] if self.services else None
+        return Settings(home=self.path, database_url=url)
 
-    def start(self, days: Sequence[date], archive: str | None = None) -> "subprocess.Popen[bytes]":
+    def start(self, days: Sequence[date], archive: str | None = None, clock: str = "") -> "subprocess.Popen[bytes]":
         """Start the command on some days."""
-        command = [BELLA, "run", "--direct", "--from", f"{days[0]}", "--to", f"{days[-1]}"]
+        command = [BELLA, "run", "--from", f"{days[0]}", "--to", f"{days[-1]}"]
+        if clock:
+            command = ["faketime", "-f", clock, *command]
         environment = {"PATH": os.environ["PATH"], "OPENBLAS_NUM_THREADS": "1", "BELLA_ARCHIVE_TIMEOUT_S": "2"}
-        environment |= {"BELLA_DRAWS": f"{DRAWS}", "BELLA_LEASE_S": "5", "HOME": str(self.path.parent)}
+        environment |= {"BELLA_DRAWS": f"{DRAWS}", "BELLA_LEASE_S": f"{LEASE_S}", "HOME": str(self.path.parent)}
+        if self.services is None or clock:  # a Prefect server has one clock with its clients
+            command.append("--direct")
+        if self.services is not None:
+            environment |= self.services.environment
         with (self.path.parent / "runs.log").open("ab") as log:
             return subprocess.Popen(
                 [*command, "--archive", archive or str(self.archive), "--home", str(self.path)],
@@ -188,7 +216,7 @@ def releases(plan: Plan, written: dict[date, list[tuple[str, Path]]]) -> list[li
     due: dict[int, list[tuple[Path, str]]] = {}
     for day, files in written.items():
         for key, path in files:
-            after = (day - FIRST_DAY).days + LATENCY_D[key] + 1
+            after = (day - plan.first).days + LATENCY_D[key] + 1
             due.setdefault(after // STEP_D, []).append((path, "v01"))
             if plan.has_revisions and key == REVISED:
                 due.setdefault((after + REVISED_AFTER_D - LATENCY_D[key]) // STEP_D, []).append((path, "v02"))
@@ -231,19 +259,42 @@ def full_disk(home: Path) -> Iterator[bool]:
         ballast.unlink(missing_ok=True)
 
 
+def kill_something(home: Home, days: Sequence[date], rng: random.Random) -> None:
+    """Start a run, and kill it or a service under it at a random instant; a service comes back within seconds."""
+    process = home.start(days)
+    with suppress(subprocess.TimeoutExpired):
+        process.wait(rng.uniform(0.0, 1.2 * statistics.mean(home.runs_s or [FIRST_GUESS_S])))
+    victim = rng.choice(["run", *SERVICES]) if home.services else "run"
+    if process.poll() is None:
+        home.met(f"{victim} killed")
+    if home.services is not None and victim in SERVICES:
+        home.services.kill(victim)
+        time.sleep(rng.uniform(0.0, 5.0))
+        home.services.start(victim)
+        with suppress(subprocess.TimeoutExpired):
+            process.wait(MOST_S)
+    with suppress(ProcessLookupError):
+        os.killpg(process.pid, signal.SIGKILL)
+    process.wait()
+
+
 def disturb(home: Home, days: Sequence[date], kills: int, plan: Plan, rng: random.Random) -> None:
     """Let runs on some days meet faults; what they leave behind is the next run's affair."""
     for _ in range(kills):
-        process = home.start(days)
-        with suppress(subprocess.TimeoutExpired):
-            process.wait(rng.uniform(0.0, 1.2 * statistics.mean(home.runs_s or [FIRST_GUESS_S])))
-        if process.poll() is None:
-            home.met("killed")
-        with suppress(ProcessLookupError):
-            os.killpg(process.pid, signal.SIGKILL)
-        process.wait()
-    fault = rng.choice(["outage", "data set away", "full disk", "duplicates"])
-    if fault == "outage":
+        kill_something(home, days, rng)
+    home.turn = home.turn or rng.sample(FAULTS, len(FAULTS))
+    fault = home.turn.pop()
+    if meet(fault, home, days, plan, rng):
+        home.met(fault)
+
+
+def meet(fault: str, home: Home, days: Sequence[date], plan: Plan, rng: random.Random) -> bool:
+    """Run with one of the `FAULTS`; false where this machine cannot have it."""
+    if fault == "wrong clock":
+        if shutil.which("faketime") is None:
+            return False
+        home.start(days, clock=rng.choice(CLOCKS)).wait()
+    elif fault == "outage":
         home.run(days, "http://127.0.0.1:9")
     elif fault == "data set away":
         away = home.archive / "pub"
@@ -253,14 +304,14 @@ def disturb(home: Home, days: Sequence[date], kills: int, plan: Plan, rng: rando
         (home.archive / "moved").rename(away)
     elif fault == "full disk":
         with full_disk(home.path) as is_full:
-            if not is_full:
-                return
-            home.run(days)
+            if is_full:
+                home.run(days)
+            return is_full
     else:
         started = [home.start(days) for _ in range(plan.duplicates)]
         for process in started:
             process.wait()
-    home.met(fault)
+    return True
 
 
 def replay(home: Home, plan: Plan, steps: list[list[tuple[Path, str]]], source: Path, *, quiet: bool) -> None:
@@ -293,7 +344,7 @@ def _solutions(catalogue: Catalogue) -> list[Any]:
 
 def export(home: Home, plan: Plan) -> dict[str, Any]:
     """All that the catalogue says, but for when it was written and under which names files are kept."""
-    untold = {"created_utc", "store_path", "spectra_path", "changed_utc", "received_utc", "searched_utc"}
+    untold = {"created_utc", "store_path", "spectra_path", "changed_utc", "received_utc", "searched_utc", "updated_utc"}
 
     def _told(record: Any) -> dict[str, Any]:
         return {name: value for name, value in asdict(record).items() if name not in untold}
@@ -330,8 +381,11 @@ def half_published(home: Home) -> list[str]:
 
 
 def orphans(home: Home) -> list[str]:
-    """Groups of the store that no row refers to."""
-    with closing(Catalogue.open(home.settings.catalogue_url)) as catalogue:
+    """Groups of the store that no row refers to, after housekeeping."""
+    time.sleep(LEASE_S)  # younger ones may be of a run that is at work
+    settings = home.settings.model_copy(update={"lease_s": float(LEASE_S)})
+    with closing(Catalogue.open(settings.catalogue_url)) as catalogue:
+        sweep_store(catalogue, settings, "replay")
         known = catalogue.referenced_paths()
     root = home.settings.store_root
     groups = [path.relative_to(root) for path in root.glob("*/*.zarr")]
@@ -371,6 +425,7 @@ def report(quiet: Home, disturbed: Home, plan: Plan) -> dict[str, Any]:
             "first_third": max(disturbed.rss_mb[:third]),
             "last_third": max(disturbed.rss_mb[-third:]),
         },
+        "api": dict(disturbed.services.answers) if disturbed.services else {},
         "growth": {"store_files": [one[0] for one in quiet.growth], "solutions": [one[1] for one in quiet.growth]},
     }
 
@@ -415,14 +470,17 @@ def compare(plan: Plan, folder: Path) -> dict[str, Any]:
             if name == "disturbed":
                 stack.enter_context(small_disk(place / "bella-home"))
             homes.append(Home(place / "bella-home", place / "archive"))
+            if name == "disturbed":
+                homes[-1].services = stack.enter_context(Services(homes[-1].path))
             replay(homes[-1], plan, steps, source, quiet=name == "quiet")
         return report(*homes, plan)
 
 
 def is_clean(found: dict[str, Any]) -> bool:
-    """Whether nothing was lost, doubled or half-published."""
+    """Whether nothing was lost, doubled or half-published, and the API answered while its database was up."""
     bad = ("bursts_lost", "bursts_doubled", "solutions_lost", "solutions_doubled", "half_published", "orphans")
-    return bool(found["exports_equal"]) and not any(found[name] for name in bad)
+    refused = any(name.endswith("up") and not name.startswith("200") for name in found["api"])
+    return bool(found["exports_equal"]) and not refused and not any(found[name] for name in bad)
 
 
 def main() -> None:
@@ -432,8 +490,11 @@ def main() -> None:
     parser.add_argument("--kills", type=int, default=200)
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--duplicates", type=int, default=16, help="runs started at the same time")
+    parser.add_argument("--dataset", action="append", choices=[*LATENCY_D], help="may be given again; default: all")
     given = parser.parse_args()
-    plan = Plan(given.days, given.kills, given.seed, given.duplicates)
+    signal.signal(signal.SIGTERM, signal.default_int_handler)  # the services end with it
+    datasets = tuple(given.dataset or LATENCY_D)
+    plan = Plan(given.days, given.kills, given.seed, given.duplicates, datasets)
     with tempfile.TemporaryDirectory(prefix="bella-replay-", ignore_cleanup_errors=True) as folder:
         found = compare(plan, Path(folder))
     print(json.dumps(found, indent=1))

@@ -11,13 +11,12 @@ from PIL import Image
 from playwright.sync_api import sync_playwright
 
 PAGE = Path(__file__).with_name("burst.png")
-SIZE = {"width": 1280, "height": 1240}
-COLOURS = 256
+SIZE = {"width": 1280, "height": 860}
 READY_MS = 60_000
 
 
 def main() -> None:
-    """Serve the home folder, photograph the page, and write it with few colours."""
+    """Serve the home folder, photograph the page, and write it small."""
     with socket.socket() as free:
         free.bind(("127.0.0.1", 0))
         port = str(free.getsockname()[1])
@@ -35,10 +34,9 @@ def main() -> None:
                         raise
                     page.wait_for_timeout(500)
             page.wait_for_load_state("networkidle", timeout=READY_MS)
-            page.wait_for_timeout(1500)  # the figures draw
             shot = Image.open(io.BytesIO(page.screenshot()))
             browser.close()
-        shot.convert("RGB").quantize(COLOURS).save(PAGE, optimize=True)
+        shot.convert("RGB").save(PAGE, optimize=True)
     finally:
         server.terminate()
         server.wait()

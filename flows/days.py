@@ -1,12 +1,13 @@
 """Flows over days: a range or a folder that was asked for, and the recent days of the mirror as their files come."""
 
 from collections.abc import Sequence
-from datetime import date
+from datetime import date, timedelta
 from typing import Any, cast
 
 from prefect import flow
 from prefect.artifacts import create_table_artifact
 from prefect.futures import PrefectFuture
+from prefect.runtime import flow_run
 from prefect.task_runners import TaskRunner, ThreadPoolTaskRunner
 
 from bella.logs import log_to
@@ -20,8 +21,8 @@ from bella.records import DayAnswer
 from bella.settings import Settings, read_settings
 from flows.tasks import Tasks, run_name
 
-START_S = 15.0
-"""What the process of the next run takes until it looks at the mirror, s: so long before it is due, this one ends."""
+ENDS_BEFORE = timedelta(seconds=20)
+"""So long before the next run is due this one ends: Prefect asks for its place ten seconds early."""
 
 
 def side_by_side() -> TaskRunner[PrefectFuture[Any]]:
@@ -76,8 +77,9 @@ def recent_days() -> int:
     settings = Settings()
     if not settings.recent_days:
         return 0
+    due, every = flow_run.get_scheduled_start_time(), timedelta(seconds=settings.days_schedule_s)
     with Workers(settings.workers, settings) as workers:
-        outcomes = watch_days(Run(settings, run_name(), workers), Tasks(), settings.days_schedule_s - START_S)
+        outcomes = watch_days(Run(settings, run_name(), workers), Tasks(), due + every - ENDS_BEFORE, every)
     _show(outcomes)
     # that the archive is silent is the fetcher's failure
     check_finished([one for one in outcomes if one.answer is not DayAnswer.ARCHIVE_SILENT], is_asked_for=False)

@@ -80,6 +80,8 @@ def burst_page(request: Request, burst_id: str, service: ServiceHere, catalogue:
         history=catalogue.alerts(burst_id=burst_id, origins=tuple(Origin)),
         versions=versions_of(versions),
         sources=sources_of(catalogue, shown.solution_id) if shown else [],
+        linked=catalogue.events.of_burst(burst_id),
+        event_lists=catalogue.events.lists(),
         downloads=_downloads(links, shown, view, drawn) if shown else [],
         base_url=str(request.base_url).rstrip("/"),
         **track_page(looked, service.settings),

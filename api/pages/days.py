@@ -12,12 +12,13 @@ from markupsafe import Markup
 from pydantic import ValidationError
 
 from api.asking import asked_of, fault_words
+from api.links import linked
 from api.queries import DayFilter, parse_day
 from api.rendering import render
 from api.schemas import day_links
 from api.service import CatalogueHere, ServiceHere
 from api.wording import NOT_COMPARED, answer_words
-from bella.catalogue import BurstQuery, Catalogue, DayPage, DaySummary, Detection, ObservedDay
+from bella.catalogue import BurstQuery, Catalogue, DayPage, DaySummary, Detection, DetectionQuery, ObservedDay
 from bella.exceptions import InputError, NoDataError
 from bella.flags import LOCALISABLE, REJECTED
 from bella.plotting import DayMark, OnsetMark, calendar_figure, strips_figure
@@ -101,14 +102,14 @@ def _mark(one: DaySummary) -> DayMark:
 def _onsets(catalogue: Catalogue, first: date, last: date, origins: tuple[Origin, ...]) -> list[OnsetMark]:
     """Each burst once, by its first onset."""
     start, stop = (datetime.combine(day, time(), UTC) for day in (first, last + timedelta(days=1)))
-    found = catalogue.detections(start, stop, limit=MOST_ONSETS, origins=origins)
+    found = catalogue.detections(DetectionQuery(start, stop, limit=MOST_ONSETS, origins=frozenset(origins))).detections
     marks: dict[str, OnsetMark] = {}
     for number, one in enumerate(found):
         if one.tier == REJECTED:
             continue
         is_localised = one.tier == LOCALISABLE
         links = day_links(one.start_utc.date(), one.origin)
-        address = f"/bursts/{one.burst_id}" if is_localised else f"{links['page']}#{one.burst_id}"
+        address = linked(f"/bursts/{one.burst_id}") if is_localised else f"{links['page']}#{one.burst_id}"
         verdict = "localised" if is_localised else one.reason.replace("_", " ")
         said = f"{one.burst_id or one.observatory}, {one.start_utc:%H:%M}, {verdict}"
         marks.setdefault(one.burst_id or str(number), OnsetMark(one.start_utc, is_localised, said, address))

@@ -4,7 +4,7 @@ import asyncio
 import time
 from collections.abc import AsyncIterator
 from datetime import UTC, datetime
-from typing import Annotated, Any
+from typing import Annotated
 
 from fastapi import APIRouter, Header, Query, Request, Response
 from fastapi.responses import StreamingResponse
@@ -13,7 +13,7 @@ from starlette.concurrency import run_in_threadpool
 
 from api.freshness import REVALIDATE, is_known, not_modified, tag_of
 from api.queries import AlertFilter, AlertStreamFilter
-from api.schemas import Reply
+from api.schemas import Json, Reply
 from api.service import CatalogueHere, Service, ServiceHere
 from bella.exceptions import BusyError
 from bella.formats.alerts import alert_document, alert_schema, atom_feed, server_sent_event
@@ -31,10 +31,11 @@ NO_NEWS = "1970-01-01T00:00:00Z"
 class AlertsReply(Reply):
     """Alerts in the order of their commits; each is a document of `/api/v1/alerts/schema`."""
 
-    alerts: list[dict[str, Any]]
+    alerts: list[dict[str, Json]]
     returned: int
     last: int = Field(description="Sequence number to go on after.")
-    truncated: bool = Field(description="True when there are more: ask again with `after` = `last`.")
+    truncated: bool = Field(description="True when there are more: go on at `next`.")
+    next: str | None
 
 
 @router.get("/api/v1/alerts")
@@ -47,11 +48,12 @@ def alerts(request: Request, catalogue: CatalogueHere, wanted: Annotated[AlertFi
         returned=len(found),
         last=found[-1].sequence if found else wanted.after,
         truncated=more,
+        next=str(request.url.include_query_params(after=found[-1].sequence)) if more else None,
     )
 
 
 @router.get("/api/v1/alerts/schema")
-def schema() -> dict[str, Any]:
+def alerts_schema() -> dict[str, Json]:
     """JSON Schema of an alert."""
     return alert_schema()
 
@@ -61,7 +63,7 @@ def schema() -> dict[str, Any]:
     response_class=StreamingResponse,
     responses={200: {"content": {"text/event-stream": {}}, "description": "Server-sent events without an end."}},
 )
-async def stream(
+async def alerts_stream(
     request: Request,
     service: ServiceHere,
     wanted: Annotated[AlertStreamFilter, Query()],
@@ -109,7 +111,7 @@ def _heartbeat() -> str:
 
 
 @router.get("/feed.atom", response_class=Response, responses={200: {"content": {"application/atom+xml": {}}}})
-def feed(request: Request, catalogue: CatalogueHere) -> Response:
+def alerts_feed(request: Request, catalogue: CatalogueHere) -> Response:
     """The newest alerts about real bursts as an Atom feed."""
     found = catalogue.newest_alerts(FEED_LENGTH)
     tag = tag_of((), "feed", _base(request), found[0].sequence if found else 0)

@@ -15,6 +15,7 @@ from fastapi import APIRouter, Depends, Request
 
 from api.access import Submitter
 from api.errors import ForbiddenError, MediaTypeError, TooLargeError
+from api.queries import SubmissionId
 from api.schemas import SubmissionReply
 from api.service import CatalogueHere, ServiceHere
 from bella.arrivals import arrival_grid, locate_receivers, parse_arrivals
@@ -78,13 +79,13 @@ def submit(
 
 
 @router.get("/{submission_id}")
-def submission(submission_id: str, catalogue: CatalogueHere) -> SubmissionReply:
+def submission(submission_id: SubmissionId, catalogue: CatalogueHere) -> SubmissionReply:
     """What became of an arrival table that was submitted."""
     return SubmissionReply.of(catalogue.submission(submission_id))
 
 
 @router.delete("/{submission_id}")
-def withdraw(submission_id: str, catalogue: CatalogueHere, submitter: Submitter) -> SubmissionReply:
+def withdraw(submission_id: SubmissionId, catalogue: CatalogueHere, submitter: Submitter) -> SubmissionReply:
     """Withdraw a submission with the token that sent it: its burst is retracted, and both stay as a tombstone."""
     if submitter == ANONYMOUS or catalogue.submission(submission_id).token_id != submitter:
         raise ForbiddenError(f"{submission_id} was not submitted with this token: send the one that submitted it")

@@ -8,11 +8,12 @@ from typing import Annotated, Any
 from fastapi import APIRouter, Query, Request, Response
 from fastapi.responses import PlainTextResponse
 
-from api.queries import BurstSelection, FrequencyChoice, SolutionChoice, one_per_edge
+from api.queries import BurstId, BurstSelection, FrequencyChoice, SolutionChoice, one_per_edge
 from api.queries import chosen as chosen_solution
 from api.schemas import (
     BurstReply,
     BurstsReply,
+    LocalisationReply,
     PosteriorReply,
     RegionsReply,
     SolutionReply,
@@ -24,7 +25,17 @@ from api.schemas import (
     zarr_path,
 )
 from api.service import CatalogueHere, ServiceHere
-from api.tables import JSON, BurstTableFilter, TableChoice, asked_format, burst_table, localisation_table, table_reply
+from api.tables import (
+    JSON,
+    BurstTableFilter,
+    TableChoice,
+    asked_format,
+    burst_table,
+    in_all_formats,
+    localisation_table,
+    next_address,
+    table_reply,
+)
 from api.wording import APPARENT_SOURCE
 from bella.catalogue import Catalogue, Localisation, Solution
 from bella.exceptions import NoDataError
@@ -35,13 +46,15 @@ from bella.plotting.geometry import significant
 router = APIRouter(prefix="/api/v1", tags=["bursts"])
 
 
-@router.get("/bursts", response_model=BurstsReply)
+@router.get("/bursts", response_model=BurstsReply, responses=in_all_formats("One page of bursts.", BurstsReply))
 def bursts(
     request: Request, response: Response, catalogue: CatalogueHere, wanted: Annotated[BurstTableFilter, Query()]
 ) -> BurstsReply | Response:
     """Bursts by what is said of them, the newest first unless `sort` says otherwise; as JSON or as a table."""
-    chosen, page = asked_format(request, wanted.format), catalogue.bursts(wanted.query())
-    following = str(request.url.include_query_params(cursor=page.next_cursor)) if page.next_cursor else None
+    chosen = asked_format(request, wanted.format)
+    with catalogue.snapshot():
+        page = wanted.found(catalogue)
+    following = next_address(request, page.next_cursor)
     if chosen is not JSON:
         return table_reply(chosen, burst_table(page.bursts), "bursts", following)
     response.headers["Vary"] = "Accept"
@@ -64,13 +77,13 @@ def latest_burst(catalogue: CatalogueHere, wanted: Annotated[BurstSelection, Que
 
 
 @router.get("/bursts/{burst_id}")
-def burst(burst_id: str, catalogue: CatalogueHere) -> BurstReply:
+def burst(burst_id: BurstId, catalogue: CatalogueHere) -> BurstReply:
     """One burst with the newest solution of each series."""
     return BurstReply.of(catalogue.burst(burst_id), catalogue.events.of_burst(burst_id))
 
 
 @router.get("/bursts/{burst_id}/versions")
-def versions(burst_id: str, catalogue: CatalogueHere) -> VersionsReply:
+def versions(burst_id: BurstId, catalogue: CatalogueHere) -> VersionsReply:
     """All solutions that were ever published for a burst, superseded ones too."""
     return VersionsReply(burst_id=burst_id, versions=versions_of(catalogue.versions(burst_id)))
 
@@ -78,24 +91,24 @@ def versions(burst_id: str, catalogue: CatalogueHere) -> VersionsReply:
 @router.get(
     "/bursts/{burst_id}/track",
     response_model=TrackReply,
-    responses={200: {"content": {"text/csv": {}}, "description": "Localisation table and track fit."}},
+    responses=in_all_formats("Localisation table and track fit; in other formats the first alone.", TrackReply),
 )
 def track(
     request: Request,
     response: Response,
-    burst_id: str,
+    burst_id: BurstId,
     catalogue: CatalogueHere,
     choice: Annotated[TableChoice, Query()],
 ) -> TrackReply | Response:
     """Localisation table and track fit of one solution as JSON, or the localisation table alone in another format."""
     chosen = asked_format(request, choice.format)
     solution = pick(catalogue, burst_id, choice)
-    rows = [_record(row) for row in catalogue.localisations(solution.solution_id)]
+    found = catalogue.localisations(solution.solution_id)
     fit = catalogue.track_fit(solution.solution_id)
     name = f"{burst_id}_{solution.series.edge}_{solution.series.preset}_v{solution.version}"
     if chosen.name == "csv":
         return PlainTextResponse(
-            localisation_csv(rows, table_header(solution)),
+            localisation_csv([_record(row) for row in found], table_header(solution)),
             media_type="text/csv",
             headers={"Content-Disposition": f'attachment; filename="{name}.csv"', "Vary": "Accept"},
         )
@@ -107,14 +120,14 @@ def track(
         burst_id=burst_id,
         **said_of(solution),
         solution=SolutionReply.of(solution),
-        track_fit=TrackFitReply(**fit),
-        localisations=rows,
+        track_fit=TrackFitReply.model_validate(fit),
+        localisations=[LocalisationReply(**_record(row)) for row in found],
     )
 
 
 @router.get("/bursts/{burst_id}/posterior")
 def posterior(
-    request: Request, burst_id: str, service: ServiceHere, choice: Annotated[SolutionChoice, Query()]
+    request: Request, burst_id: BurstId, service: ServiceHere, choice: Annotated[SolutionChoice, Query()]
 ) -> PosteriorReply:
     """Summary of the posterior at each frequency, and the address of the Zarr group with all its draws."""
     solution = pick(service.catalogue(), burst_id, choice)
@@ -133,7 +146,7 @@ def posterior(
 
 
 @router.get("/bursts/{burst_id}/regions")
-def regions(burst_id: str, service: ServiceHere, choice: Annotated[FrequencyChoice, Query()]) -> RegionsReply:
+def regions(burst_id: BurstId, service: ServiceHere, choice: Annotated[FrequencyChoice, Query()]) -> RegionsReply:
     """68 and 95 % regions of each track at the channel nearest to a frequency."""
     solutions = one_per_edge(service.catalogue().burst(burst_id).solutions, choice, burst_id)
     return RegionsReply(

@@ -1,65 +1,76 @@
 """Detections: what each spacecraft heard on the days that were searched, placed or not, and why not."""
 
-from dataclasses import replace
 from typing import Annotated
 
 from fastapi import APIRouter, Query, Request, Response
 
 from api.freshness import REVALIDATE, file_tag, is_known, not_modified
-from api.queries import DayFilter, OriginChoice, parse_day
+from api.queries import DayFilter, DayText, OriginChoice, parse_day
 from api.routers.figures import svg_reply
-from api.schemas import API, DayReply, DaysReply, DaySummaryReply, DetectionReply, DetectionsReply
+from api.schemas import DayReply, DaysReply, DaySummaryReply, DetectionReply, DetectionsReply
 from api.service import CatalogueHere, ServiceHere
-from api.tables import JSON, DetectionTableFilter, asked_format, detection_table, table_reply
+from api.tables import (
+    JSON,
+    DetectionTableFilter,
+    asked_format,
+    detection_table,
+    in_all_formats,
+    next_address,
+    table_reply,
+)
 from bella.exceptions import NoDataError
 from bella.plotting import as_file
 
 router = APIRouter(prefix="/api/v1", tags=["detections"])
 
 
-@router.get("/detections", response_model=DetectionsReply)
+@router.get(
+    "/detections",
+    response_model=DetectionsReply,
+    responses=in_all_formats("One page of detections.", DetectionsReply),
+)
 def detections(
     request: Request, response: Response, catalogue: CatalogueHere, wanted: Annotated[DetectionTableFilter, Query()]
 ) -> DetectionsReply | Response:
-    """Detections of a time range by onset; a tier other than "localisable" comes with its reason."""
-    chosen = asked_format(request, wanted.format)
-    start, stop = wanted.interval()
-    found = catalogue.detections(start, stop, wanted.observatory, wanted.limit + 1, wanted.origins)
-    shown = found[: wanted.limit]
+    """Detections, the newest onset first; a tier other than "localisable" comes with its reason."""
+    chosen, page = asked_format(request, wanted.format), catalogue.detections(wanted.query())
+    following = next_address(request, page.next_cursor)
     if chosen is not JSON:
-        cut = {"truncated": "yes: ask for a shorter range"} if len(found) > wanted.limit else {}
-        table = detection_table(shown)
-        return table_reply(chosen, replace(table, header={**table.header, **cut}), "detections")
+        return table_reply(chosen, detection_table(page.detections), "detections", following)
     response.headers["Vary"] = "Accept"
     return DetectionsReply(
-        detections=[DetectionReply.of(one) for one in shown],
-        returned=len(shown),
-        truncated=len(found) > wanted.limit,
+        detections=[DetectionReply.of(one) for one in page.detections],
+        total=page.total,
+        returned=len(page.detections),
+        truncated=following is not None,
+        next=following,
     )
 
 
 @router.get("/days")
-def days(catalogue: CatalogueHere, wanted: Annotated[DayFilter, Query()]) -> DaysReply:
+def days(request: Request, catalogue: CatalogueHere, wanted: Annotated[DayFilter, Query()]) -> DaysReply:
     """Searched days, the newest first, with how much was heard on each; both ends of the range belong to it."""
-    page = catalogue.days(*wanted.span(), wanted.limit, wanted.origins)
+    page = catalogue.days(*wanted.span(), wanted.limit, wanted.origins, wanted.cursor)
     return DaysReply(
         days=[DaySummaryReply.of(one) for one in page.days],
         total=page.total,
         returned=len(page.days),
         truncated=page.next_last is not None,
-        next=f"{API}/days?{wanted.onward(page.next_last)}" if page.next_last else None,
+        next=next_address(request, page.next_cursor),
     )
 
 
 @router.get("/days/{day}")
-def day(day: str, catalogue: CatalogueHere, choice: Annotated[OriginChoice, Query()]) -> DayReply:
+def day(day: DayText, catalogue: CatalogueHere, choice: Annotated[OriginChoice, Query()]) -> DayReply:
     """Whether a day was searched, and which spacecraft had data: no data, no burst and not placed are told apart."""
     wanted = parse_day(day)
     return DayReply.of(wanted, catalogue.searched_day(wanted, choice.origins))
 
 
 @router.get("/days/{day}/figure", responses={200: {"content": {"image/svg+xml": {}}}}, response_class=Response)
-def day_figure(request: Request, day: str, service: ServiceHere, choice: Annotated[OriginChoice, Query()]) -> Response:
+def day_figure(
+    request: Request, day: DayText, service: ServiceHere, choice: Annotated[OriginChoice, Query()]
+) -> Response:
     """Spectra of all spacecraft on a searched day with what was found outlined, SVG; redrawn with the day."""
     wanted = parse_day(day)
     paths = [service.settings.day_figure(wanted, origin) for origin in choice.origins]

@@ -13,6 +13,7 @@ from api.event_section import (
     ListedEventReply,
     lists_of,
 )
+from api.queries import BurstId
 from api.service import CatalogueHere
 from api.tables import JSON, EventTableFilter, asked_format, table_of_rows, table_reply
 from bella.formats import EVENTS
@@ -46,7 +47,7 @@ def events(
 
 
 @router.get("/bursts/{burst_id}/events")
-def burst_events(burst_id: str, catalogue: CatalogueHere) -> BurstEventsReply:
+def burst_events(burst_id: BurstId, catalogue: CatalogueHere) -> BurstEventsReply:
     """Published events near a burst in time."""
     catalogue.burst(burst_id)
     lists = lists_of(catalogue)

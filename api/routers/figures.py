@@ -7,6 +7,7 @@ from fastapi import APIRouter, Depends, Query, Request, Response
 
 from api.drawing import BurstView, Looked
 from api.freshness import REVALIDATE, is_known, not_modified, tag_of
+from api.queries import BurstId
 from api.service import CatalogueHere, ServiceHere
 from bella.exceptions import NoDataError
 from bella.plotting import as_file, constellation_caption, spectra_caption
@@ -20,13 +21,13 @@ FigureName = Literal["constellation", "spectra", "evolution", "residuals"]
 
 
 def _looked(
-    burst_id: str, service: ServiceHere, catalogue: CatalogueHere, view: Annotated[BurstView, Query()]
+    burst_id: BurstId, service: ServiceHere, catalogue: CatalogueHere, view: Annotated[BurstView, Query()]
 ) -> Looked:
     return Looked(service, catalogue, catalogue.burst(burst_id), view)
 
 
 @router.get("/{name}", responses={200: {"content": {"image/svg+xml": {}}, "description": "The figure."}})
-def figure(request: Request, name: FigureName, looked: Annotated[Looked, Depends(_looked)]) -> Response:
+def burst_figure(request: Request, name: FigureName, looked: Annotated[Looked, Depends(_looked)]) -> Response:
     """Map of the track, spectra with the timed edges, distance and speed against frequency, or residuals; SVG."""
     burst_id, view = looked.summary.burst.burst_id, looked.view
     solutions, more = looked.tags()

@@ -3,7 +3,7 @@
 from datetime import UTC, date, datetime
 from typing import Annotated
 
-from fastapi import APIRouter, Query
+from fastapi import APIRouter, Path, Query
 from pydantic import Field
 
 from api.schemas import API, Reply
@@ -26,7 +26,7 @@ class ObservabilityReply(Reply):
 
 @router.get(f"{API}/observability")
 def observability(
-    catalogue: CatalogueHere, time: Annotated[datetime, Query(description="UTC, such as 2021-11-20T14:30.")]
+    catalogue: CatalogueHere, time: Annotated[datetime, Query(description="UTC.", examples=["2021-11-20T14:30"])]
 ) -> ObservabilityReply:
     """Which receivers had data at a time, and the 68 % region of a source at 20, 50 and 100 solar radii."""
     utc = time.replace(tzinfo=UTC) if time.tzinfo is None else time.astimezone(UTC)
@@ -43,6 +43,8 @@ def observability(
 
 
 @router.get(f"{API}/days/{{day}}/observability")
-def observability_of_day(day: date, catalogue: CatalogueHere) -> ObservedDay:
+def observability_of_day(
+    day: Annotated[date, Path(description="Day, UTC.", examples=["2021-11-20"])], catalogue: CatalogueHere
+) -> ObservedDay:
     """The same for every hour of a day."""
     return catalogue.operation.observed(day)

@@ -1,26 +1,69 @@
 """Single solutions, and their Zarr groups as files: what is under these addresses never changes."""
 
-from typing import Literal
+from typing import Annotated, Literal
 
-from fastapi import APIRouter, Response
+from fastapi import APIRouter, Query, Request, Response
 from fastapi.responses import FileResponse
 
 from api.calibration import CalibrationReply, calibration_of
 from api.freshness import IMMUTABLE
-from api.schemas import SolutionReply, SolutionWithSourcesReply, SourceReply
+from api.queries import SolutionFilter, SolutionId, SourceFilter
+from api.schemas import (
+    FileReply,
+    FilesReply,
+    SolutionReply,
+    SolutionsReply,
+    SolutionWithSourcesReply,
+    SourceReply,
+)
 from api.service import CatalogueHere, ServiceHere
+from api.tables import next_address
 from bella.catalogue import Catalogue
 from bella.exceptions import NoDataError
 from bella.store import group_file
 
-router = APIRouter(prefix="/api/v1/solutions", tags=["solutions"])
+router = APIRouter(prefix="/api/v1", tags=["solutions"])
 
 FigureName = Literal["polar-fit", "density", "wind", "shared-profile"]
 """`bella.settings.FIT_FIGURES`, `WIND_FIGURE` and `COLLAPSED_FIGURE`."""
 
 
-@router.get("/{solution_id}")
-def solution(solution_id: str, catalogue: CatalogueHere) -> SolutionWithSourcesReply:
+@router.get("/solutions")
+def solutions(request: Request, catalogue: CatalogueHere, wanted: Annotated[SolutionFilter, Query()]) -> SolutionsReply:
+    """Solutions, all versions of all bursts, the newest first."""
+    page = catalogue.solutions(wanted.query())
+    return SolutionsReply(
+        solutions=[SolutionReply.of(one) for one in page.solutions],
+        total=page.total,
+        returned=len(page.solutions),
+        truncated=page.next_cursor is not None,
+        next=next_address(request, page.next_cursor),
+    )
+
+
+@router.get("/files")
+def files(request: Request, catalogue: CatalogueHere, wanted: Annotated[SourceFilter, Query()]) -> FilesReply:
+    """Files that solutions were made from, with their versions and checksums, the newest day first."""
+    page = catalogue.all_sources(wanted.query())
+    names = SourceReply.model_fields
+    return FilesReply(
+        files=[
+            FileReply(
+                **{name: getattr(one.file, name) for name in (*names, "state")},
+                received_utc=one.received_utc,
+                changed_utc=one.changed_utc,
+            )
+            for one in page.sources
+        ],
+        total=page.total,
+        returned=len(page.sources),
+        truncated=page.next_cursor is not None,
+        next=next_address(request, page.next_cursor),
+    )
+
+
+@router.get("/solutions/{solution_id}")
+def solution(solution_id: SolutionId, catalogue: CatalogueHere) -> SolutionWithSourcesReply:
     """One solution, with its source files and their checksums, and how often answers like it held the truth."""
     known = catalogue.solution(solution_id)
     return SolutionWithSourcesReply(
@@ -30,8 +73,8 @@ def solution(solution_id: str, catalogue: CatalogueHere) -> SolutionWithSourcesR
     )
 
 
-@router.get("/{solution_id}/calibration")
-def calibration(solution_id: str, catalogue: CatalogueHere) -> CalibrationReply:
+@router.get("/solutions/{solution_id}/calibration")
+def calibration(solution_id: SolutionId, catalogue: CatalogueHere) -> CalibrationReply:
     """How often the intervals of simulated bursts like this one held the truth: rows of docs/calibration-found.csv."""
     known = catalogue.solution(solution_id)
     return calibration_of(known, catalogue.burst(known.burst_id).burst.observatories)
@@ -43,9 +86,9 @@ def sources_of(catalogue: Catalogue, solution_id: str) -> list[SourceReply]:
     return [SourceReply(**{name: getattr(one, name) for name in names}) for one in catalogue.sources(solution_id)]
 
 
-@router.head("/{solution_id}/posterior.zarr/{key:path}", include_in_schema=False)
-@router.get("/{solution_id}/posterior.zarr/{key:path}", response_class=Response)
-def posterior_file(solution_id: str, key: str, service: ServiceHere) -> FileResponse:
+@router.head("/solutions/{solution_id}/posterior.zarr/{key:path}", include_in_schema=False)
+@router.get("/solutions/{solution_id}/posterior.zarr/{key:path}", response_class=Response)
+def posterior_file(solution_id: SolutionId, key: str, service: ServiceHere) -> FileResponse:
     """One file of the Zarr group of a solution; ``xarray.open_zarr`` takes this address without the key."""
     group = service.catalogue().solution(solution_id).store_path
     path = group_file(service.settings.store_root, group, key)
@@ -53,8 +96,10 @@ def posterior_file(solution_id: str, key: str, service: ServiceHere) -> FileResp
     return FileResponse(path, media_type=kind, headers={"Cache-Control": IMMUTABLE})
 
 
-@router.get("/{solution_id}/figures/{name}", responses={200: {"content": {"image/png": {}}}}, response_class=Response)
-def figure(solution_id: str, name: FigureName, service: ServiceHere) -> FileResponse:
+@router.get(
+    "/solutions/{solution_id}/figures/{name}", responses={200: {"content": {"image/png": {}}}}, response_class=Response
+)
+def figure(solution_id: SolutionId, name: FigureName, service: ServiceHere) -> FileResponse:
     """Figure of a solution, PNG: longitude or frequency against distance, its wind, or light curves on one profile."""
     burst_id = service.catalogue().solution(solution_id).burst_id
     path = service.settings.fit_figure(burst_id, solution_id, name)

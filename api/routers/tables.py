@@ -4,33 +4,37 @@ from typing import Annotated
 
 from fastapi import APIRouter, Query, Request, Response
 
+from api.queries import BurstId
 from api.routers.bursts import pick
+from api.schemas import TableReply
 from api.service import CatalogueHere, ServiceHere
 from api.tables import (
     ArrivalChoice,
     BurstTableFilter,
     asked_format,
+    in_all_formats,
     localisation_table,
+    next_address,
     table_of_rows,
     table_reply,
     track_table,
 )
-from bella.catalogue import BurstPage
-from bella.formats import ARRIVALS, FORMATS
+from bella.formats import ARRIVALS
 from bella.pipeline.rows import arrival_rows
 
 router = APIRouter(prefix="/api/v1", tags=["tables"])
 
-IN_ALL_FORMATS: dict[int | str, dict[str, object]] = {
-    200: {"content": {one.media_type: {} for one in FORMATS.values()}, "description": "The table."}
-}
+IN_ALL_FORMATS = in_all_formats("The table.", TableReply)
 
 
 @router.get("/tracks", response_class=Response, responses=IN_ALL_FORMATS)
 def tracks(request: Request, catalogue: CatalogueHere, wanted: Annotated[BurstTableFilter, Query()]) -> Response:
     """Parker spiral of each burst that a query finds, one row per burst: joint fit of its preferred solution."""
-    chosen, page = asked_format(request, wanted.format), catalogue.bursts(wanted.query())
-    return table_reply(chosen, track_table(catalogue, page.bursts), "tracks", following(request, page))
+    chosen = asked_format(request, wanted.format)
+    with catalogue.snapshot():
+        page = wanted.found(catalogue)
+        table = track_table(catalogue, page.bursts)
+    return table_reply(chosen, table, "tracks", next_address(request, page.next_cursor))
 
 
 @router.get("/localisations", response_class=Response, responses=IN_ALL_FORMATS)
@@ -38,20 +42,17 @@ def localisations(request: Request, catalogue: CatalogueHere, wanted: Annotated[
     """Sources of the bursts that a query finds, one row per frequency: preferred solutions; the limit counts bursts."""
     chosen, page = asked_format(request, wanted.format), catalogue.bursts(wanted.query())
     preferred = [one.preferred for one in page.bursts if one.preferred]
-    return table_reply(chosen, localisation_table(catalogue, preferred), "localisations", following(request, page))
+    return table_reply(
+        chosen, localisation_table(catalogue, preferred), "localisations", next_address(request, page.next_cursor)
+    )
 
 
 @router.get("/bursts/{burst_id}/arrivals", response_class=Response, responses=IN_ALL_FORMATS)
 def arrivals(
-    request: Request, burst_id: str, service: ServiceHere, choice: Annotated[ArrivalChoice, Query()]
+    request: Request, burst_id: BurstId, service: ServiceHere, choice: Annotated[ArrivalChoice, Query()]
 ) -> Response:
     """Arrival times that one solution of a burst was made from, with errors and positions of receivers."""
     chosen = asked_format(request, choice.format)
     solution = pick(service.catalogue(), burst_id, choice)
     rows = arrival_rows(solution, service.posterior(solution), choice.observatory)
     return table_reply(chosen, table_of_rows(ARRIVALS, rows, burst=burst_id), f"{burst_id}_arrivals")
-
-
-def following(request: Request, page: BurstPage) -> str | None:
-    """Address of the page after this one; None on the last."""
-    return str(request.url.include_query_params(cursor=page.next_cursor)) if page.next_cursor else None

@@ -34,12 +34,19 @@ from bella.catalogue.records import (
     DayPage,
     Delivery,
     Detection,
+    DetectionPage,
+    DetectionQuery,
+    Held,
     Localisation,
     Publication,
     SearchedDay,
     Series,
     Solution,
+    SolutionPage,
+    SolutionQuery,
     SourceFile,
+    SourcePage,
+    SourceQuery,
     StageRun,
     StoredGroup,
     Submission,
@@ -195,7 +202,7 @@ class Catalogue:
         return publication.publish(self._engine, new, lease, check)
 
     def bursts(self, query: BurstQuery | None = None) -> BurstPage:
-        """One page of bursts by ascending onset; see `queries.bursts`.
+        """One page of bursts; see `queries.bursts`.
 
         Raises
         ------
@@ -203,6 +210,10 @@ class Catalogue:
             Where the cursor or the limit is not valid.
         """
         return queries.bursts(self._engine, query or BurstQuery())
+
+    def held(self) -> Held:
+        """How much of real data there is; see `queries.held`."""
+        return queries.held(self._engine)
 
     def burst(self, burst_id: str) -> BurstSummary:
         """One burst with the newest version of each series; NoDataError where there is none of that id."""
@@ -212,6 +223,14 @@ class Catalogue:
         """All solutions of a burst, superseded ones too, newer before older; NoDataError where there is no burst."""
         return queries.versions(self._engine, burst_id)
 
+    def solutions(self, query: SolutionQuery) -> SolutionPage:
+        """One page of solutions by the time of their publication; see `solutions.solutions`."""
+        return solutions.solutions(self._engine, query)
+
+    def all_sources(self, query: SourceQuery) -> SourcePage:
+        """One page of the inputs of all solutions; see `solutions.all_sources`."""
+        return solutions.all_sources(self._engine, query)
+
     def solution(self, solution_id: str) -> Solution:
         """One solution; NoDataError where there is none of that id."""
         return solutions.solution(self._engine, solution_id)
@@ -219,6 +238,14 @@ class Catalogue:
     def localisations(self, solution_id: str) -> tuple[Localisation, ...]:
         """Localisations of a solution by ascending frequency; NoDataError where there is no such solution."""
         return solutions.localisations(self._engine, solution_id)
+
+    def localisations_of(self, solution_ids: Collection[str]) -> dict[str, list[Localisation]]:
+        """Localisations of many solutions, each by ascending frequency; see `solutions.localisations_of`."""
+        return solutions.localisations_of(self._engine, solution_ids)
+
+    def tracks_of(self, solution_ids: Collection[str]) -> dict[str, Track]:
+        """Tracks of those of many solutions that have a joint fit; see `solutions.tracks_of`."""
+        return solutions.tracks_of(self._engine, solution_ids)
 
     def track(self, solution_id: str) -> Track | None:
         """Track of a solution, typed; None where it has no joint fit, NoDataError where there is no such solution."""
@@ -274,9 +301,10 @@ class Catalogue:
         last: date | None = None,
         limit: int = 31,
         origins: Collection[Origin] = REAL_ORIGINS,
+        cursor: str | None = None,
     ) -> DayPage:
         """Searched days of [first, last], the newest first, with what was detected on each; see `days.days`."""
-        return days.days(self._engine, first, last, limit, origins)
+        return days.days(self._engine, first, last, limit, origins, cursor)
 
     def days_beside(self, day: date, origins: Collection[Origin] = REAL_ORIGINS) -> tuple[date | None, date | None]:
         """Searched days before and after a day; see `days.neighbours`."""
@@ -286,16 +314,9 @@ class Catalogue:
         """Detections recorded with a day, by onset; see `days.detections_of`."""
         return days.detections_of(self._engine, day, origins)
 
-    def detections(
-        self,
-        start: datetime,
-        stop: datetime,
-        observatory: str | None = None,
-        limit: int = 1000,
-        origins: Collection[Origin] = REAL_ORIGINS,
-    ) -> tuple[Detection, ...]:
-        """Detections with their onset in [start, stop), by onset; see `detections.detections`."""
-        return detections.detections(self._engine, start, stop, observatory, limit, origins)
+    def detections(self, query: DetectionQuery) -> DetectionPage:
+        """One page of detections by onset; see `detections.detections`."""
+        return detections.detections(self._engine, query)
 
     def retract(self, name: str, reason: str) -> str:
         """Retract a burst or a solution, and say of which burst; see `retraction.retract`."""

@@ -8,8 +8,8 @@ from sqlalchemy import ColumnElement, Connection, Engine, case, func, select
 from bella.catalogue.detections import detection_of, searched_day_of
 from bella.catalogue.engine import reading
 from bella.catalogue.models import DetectionRow, SearchedDayRow, table_of
+from bella.catalogue.paging import Key, after, check_limit, cursor_after, mark_of, parse_cursor
 from bella.catalogue.records import DayPage, DaySummary, Detection
-from bella.exceptions import InputError
 from bella.flags import LOCALISABLE, REJECTED
 from bella.records import REAL_ORIGINS, Origin
 
@@ -19,12 +19,13 @@ _REACH = timedelta(days=1)
 """No onset is farther from the day of its burst; onsets have an index, days of detections have none."""
 
 
-def days(
+def days(  # noqa: PLR0913, PLR0917 - one argument per filter
     engine: Engine,
     first: date | None,
     last: date | None,
     limit: int,
     origins: Collection[Origin] = REAL_ORIGINS,
+    cursor: str | None = None,
 ) -> DayPage:
     """Searched days of [first, last], the newest first, with what was detected on each in data of each origin.
 
@@ -37,6 +38,8 @@ def days(
     limit : int
         Most days that are returned, 1 to `MAX_DAYS`.
     origins : collection of Origin
+    cursor : str, optional
+        Of the page before.
 
     Returns
     -------
@@ -45,14 +48,15 @@ def days(
     Raises
     ------
     InputError
-        If the limit is not valid.
+        If the limit or the cursor is not valid.
     """
-    if not 1 <= limit <= MAX_DAYS:
-        raise InputError(f"limit is {limit}: give 1 to {MAX_DAYS}")
+    check_limit(limit, MAX_DAYS)
+    order, mark = (Key("day", _DAYS.c.day, date, descending=True),), mark_of(None, "days", first, last, sorted(origins))
     wanted: list[ColumnElement[bool]] = [_DAYS.c.origin.in_(sorted(origins))]
     wanted += [_DAYS.c.day >= first] if first is not None else []
     wanted += [_DAYS.c.day <= last] if last is not None else []
-    page = select(_DAYS.c.day).distinct().where(*wanted).order_by(_DAYS.c.day.desc()).limit(limit + 1)
+    beyond = [] if cursor is None else [after(order, parse_cursor(order, cursor, mark))]
+    page = select(_DAYS.c.day).distinct().where(*wanted, *beyond).order_by(_DAYS.c.day.desc()).limit(limit + 1)
     with reading(engine) as connection:
         total = connection.execute(select(func.count(_DAYS.c.day.distinct())).where(*wanted)).scalar_one()
         found = connection.execute(page).scalars().all()
@@ -61,7 +65,9 @@ def days(
         rows = connection.execute(own).all()
         counts = dict(_counts(connection, shown[-1], shown[0])) if shown else {}
     summaries = tuple(DaySummary(searched_day_of(row), *counts.get((row.day, row.origin), (0,) * 5)) for row in rows)
-    return DayPage(summaries, shown[-1] - timedelta(days=1) if len(found) > limit else None, total)
+    if len(found) <= limit:
+        return DayPage(summaries, None, None, total)
+    return DayPage(summaries, shown[-1] - timedelta(days=1), cursor_after(order, {"day": shown[-1]}, mark), total)
 
 
 def _counts(connection: Connection, first: date, last: date) -> Iterator[tuple[tuple[date, str], tuple[int, ...]]]:
@@ -120,7 +126,7 @@ def detections_of(engine: Engine, day: date, origins: Collection[Origin] = REAL_
     own = (columns.day == day, columns.origin.in_(sorted(origins)))
     wanted = select(_DETECTIONS).where(*own, *_onsets_near(day, day)).order_by(*order)
     with reading(engine) as connection:
-        return tuple(detection_of(row) for row in connection.execute(wanted))
+        return tuple(detection_of(row) for row in connection.execute(wanted).mappings())
 
 
 def neighbours(

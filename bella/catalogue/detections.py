@@ -1,18 +1,18 @@
 """Detections by day: what was heard, by whom, and whether it could be placed."""
 
-from collections.abc import Collection, Sequence
+from collections.abc import Sequence
 from dataclasses import asdict
 from datetime import UTC, date, datetime
 from typing import Any
 
-from sqlalchemy import Engine, Row, delete, insert, select, update
+from sqlalchemy import ColumnElement, Engine, Row, RowMapping, delete, insert, select, update
 
 from bella.catalogue.engine import reading, writing
 from bella.catalogue.leases import Lease, check_held
 from bella.catalogue.models import DetectionRow, SearchedDayRow, as_utc, table_of
-from bella.catalogue.records import Detection, SearchedDay
+from bella.catalogue.paging import Key, check_limit, read_page
+from bella.catalogue.records import Detection, DetectionPage, DetectionQuery, SearchedDay
 from bella.catalogue.upserts import insert_ignoring
-from bella.exceptions import InputError
 from bella.records import REAL_ORIGINS, DayAnswer, Origin
 
 MAX_DETECTIONS = 10_000
@@ -100,50 +100,47 @@ def searched_day_of(row: Row[Any]) -> SearchedDay:
     return SearchedDay(row.day, row.inputs_hash, row.code_version, heard, answer, row.reason, Origin(row.origin))
 
 
-def detections(  # noqa: PLR0913, PLR0917 - one argument per filter
-    engine: Engine,
-    start: datetime,
-    stop: datetime,
-    observatory: str | None,
-    limit: int,
-    origins: Collection[Origin] = REAL_ORIGINS,
-) -> tuple[Detection, ...]:
-    """Detections with their onset in [start, stop), by onset.
+def detections(engine: Engine, query: DetectionQuery) -> DetectionPage:
+    """One page of detections by onset.
 
     Parameters
     ----------
     engine : sqlalchemy.Engine
         Engine of the catalogue.
-    start, stop : datetime.datetime
-    observatory : str or None
-        None for all.
-    limit : int
-        Most that are returned, 1 to `MAX_DETECTIONS`.
-    origins : collection of Origin
+    query : DetectionQuery
+        Filters, the order, the cursor of the page before, and the size of a page (1 to `MAX_DETECTIONS`).
 
     Returns
     -------
-    tuple of Detection
+    DetectionPage
 
     Raises
     ------
     InputError
-        If the limit is not valid.
+        If the cursor or the limit is not valid.
     """
-    if not 1 <= limit <= MAX_DETECTIONS:
-        raise InputError(f"limit is {limit}: give 1 to {MAX_DETECTIONS}")
-    wanted = [_DETECTIONS.c.start_utc >= as_utc(start), _DETECTIONS.c.start_utc < as_utc(stop)]
-    wanted.append(_DETECTIONS.c.origin.in_(sorted(origins)))
-    if observatory is not None:
-        wanted.append(_DETECTIONS.c.observatory == observatory)
-    order = (_DETECTIONS.c.start_utc, _DETECTIONS.c.observatory, _DETECTIONS.c.detection_id)
+    check_limit(query.limit, MAX_DETECTIONS)
+    columns = _DETECTIONS.c
+    wanted: list[ColumnElement[bool]] = [columns.origin.in_(sorted(query.origins))]
+    wanted += [] if query.start is None else [columns.start_utc >= as_utc(query.start)]
+    wanted += [] if query.stop is None else [columns.start_utc < as_utc(query.stop)]
+    for column, value in (
+        (columns.observatory, query.observatory),
+        (columns.tier, query.tier),
+        (columns.burst_id, query.burst_id),
+    ):
+        wanted += [] if value is None else [column == value]
+    descending = query.sort == "-start"
+    order = (
+        Key("start_utc", columns.start_utc, datetime, descending),
+        Key("observatory", columns.observatory, str, descending),
+        Key("detection_id", columns.detection_id, int, descending),
+    )
     with reading(engine) as connection:
-        return tuple(
-            detection_of(row)
-            for row in connection.execute(select(_DETECTIONS).where(*wanted).order_by(*order).limit(limit))
-        )
+        page = read_page(connection, query, select(_DETECTIONS).where(*wanted), order)
+    return DetectionPage(tuple(map(detection_of, page.rows)), page.next_cursor, page.total)
 
 
-def detection_of(row: Row[Any]) -> Detection:
+def detection_of(row: RowMapping) -> Detection:
     """Record of a row of the detections."""
-    return Detection(**{name: getattr(row, name) for name in _COLUMNS} | {"origin": Origin(row.origin)})
+    return Detection(**{name: row[name] for name in _COLUMNS} | {"origin": Origin(row["origin"])})

@@ -13,6 +13,7 @@ from bella.catalogue.models import AlertRow, Base, DetectionRow, SolutionRow, St
 from bella.catalogue.observability import ObservedDay
 from bella.catalogue.upserts import dialect_insert
 from bella.exceptions import NoDataError
+from bella.records import REAL_ORIGINS
 
 FreshnessState = Literal["ok", "no file yet", "silent"]
 """Of a data set: the newest file that is due is held; the archive answers and has no such file; it does not answer."""
@@ -229,7 +230,36 @@ class Operation:
             row = connection.execute(select(table).where(table.c.solution_id == solution_id)).one_or_none()
         if row is None:
             return None
-        return SolutionTimes(**{name: value for name, value in _named(row).items() if name != "solution_id"})
+        return _times(row)
+
+    def times_between(self, start: datetime, stop: datetime, limit: int) -> tuple[tuple[str, SolutionTimes], ...]:
+        """When the data came of solutions that were published in [start, stop), by solution id, of real data.
+
+        Parameters
+        ----------
+        start, stop : datetime
+        limit : int
+            Most that are returned.
+
+        Returns
+        -------
+        tuple of (str, SolutionTimes)
+            By the time of publication.
+        """
+        table = table_of(SolutionTimesRow)
+        inside = (table.c.published_utc >= start) & (table.c.published_utc < stop)
+        wanted = select(table).where(inside, table.c.origin.in_(sorted(REAL_ORIGINS)))
+        with reading(self._engine) as connection:
+            order = (table.c.published_utc, table.c.solution_id)
+            rows = connection.execute(wanted.order_by(*order).limit(limit)).all()
+        return tuple((row.solution_id, _times(row)) for row in rows)
+
+    def observed_between(self, first: date, last: date) -> tuple[ObservedDay, ...]:
+        """Observability of the days of [first, last] of which it is known."""
+        table = table_of(ObservedDayRow)
+        wanted = select(table.c.content).where(table.c.day.between(first, last)).order_by(table.c.day)
+        with reading(self._engine) as connection:
+            return tuple(map(ObservedDay.model_validate, connection.execute(wanted).scalars()))
 
     def latencies(self, origin: str = "archive") -> dict[str, Latency]:
         """Distribution of latencies of the newest `MOST_TIMED` solutions.
@@ -303,15 +333,6 @@ class Operation:
             raise NoDataError(f"observability of {day} is not known: bella coverage --at {day}T12:00 computes a map")
         return ObservedDay.model_validate(content)
 
-    def observed_inputs(self, day: date) -> str | None:
-        """Checksum of what the observability of a day was computed from; None where it was not."""
-        table = table_of(ObservedDayRow)
-        with reading(self._engine) as connection:
-            known: str | None = connection.execute(
-                select(table.c.inputs_hash).where(table.c.day == day)
-            ).scalar_one_or_none()
-        return known
-
     def work(self, since: datetime) -> Work:
         """What the worker does, and did since a time."""
         table = table_of(StageRunRow)
@@ -343,6 +364,10 @@ class Operation:
 
 def _count(table: Table) -> Any:
     return select(func.count()).select_from(table)
+
+
+def _times(row: Row[Any]) -> SolutionTimes:
+    return SolutionTimes(**{name: value for name, value in _named(row).items() if name != "solution_id"})
 
 
 def _named(row: Row[Any]) -> dict[str, Any]:

@@ -12,13 +12,14 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from datetime import date, datetime
-from typing import Any
+from typing import Any, Protocol
 
-from sqlalchemy import ColumnElement, and_, false, or_
+from sqlalchemy import ColumnElement, Connection, RowMapping, Select, and_, false, func, or_
 
 from bella.catalogue.models import as_utc
 from bella.exceptions import InputError
 
+MAX_LIMIT = 1000
 LARGEST_INTEGER = 2**63 - 1
 
 
@@ -80,6 +81,70 @@ def after(order: Order, values: Sequence[Any]) -> ColumnElement[bool]:
         return condition
     # implied by the rest, but it lets SQLite seek in the index
     return and_(first.column <= value if first.descending else first.column >= value, condition)
+
+
+class Question(Protocol):
+    """What every list is asked with."""
+
+    @property
+    def cursor(self) -> str | None:
+        """Of the page before."""
+
+    @property
+    def limit(self) -> int:
+        """Most rows of a page."""
+
+
+@dataclass(frozen=True)
+class Page:
+    """Rows of a page, the cursor of the next one (None on the last), and the number of rows on all pages."""
+
+    rows: Sequence[RowMapping]
+    next_cursor: str | None
+    total: int
+
+
+def check_limit(limit: int, most: int = MAX_LIMIT) -> None:
+    """Refuse a page that is empty or too large.
+
+    Raises
+    ------
+    InputError
+    """
+    if not 1 <= limit <= most:
+        raise InputError(f"limit is {limit}: give 1 to {most}")
+
+
+def read_page(connection: Connection, question: Question, found: Select[Any], order: Order) -> Page:
+    """Page of the rows that a statement finds.
+
+    Parameters
+    ----------
+    connection : sqlalchemy.Connection
+        In a transaction that sees one state.
+    question : dataclass
+        Its fields but `limit` and `cursor` make the mark of the cursor.
+    found : sqlalchemy.Select
+        With the columns of the order, by the names of its keys.
+    order : sequence of Key
+
+    Returns
+    -------
+    Page
+
+    Raises
+    ------
+    InputError
+        Where the cursor is not one of ours, or of another question.
+    """
+    mark = mark_of(question)
+    beyond = [] if question.cursor is None else [after(order, parse_cursor(order, question.cursor, mark))]
+    page = found.where(*beyond).order_by(*ordered_by(order)).limit(question.limit + 1)
+    rows = connection.execute(page).mappings().all()
+    counted = found.with_only_columns(func.count(), maintain_column_froms=True)
+    total = connection.execute(counted).scalar_one()
+    shown = rows[: question.limit]
+    return Page(shown, cursor_after(order, dict(shown[-1]), mark) if len(rows) > question.limit else None, total)
 
 
 def mark_of(question: Any, *more: object) -> str:

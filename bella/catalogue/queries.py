@@ -7,16 +7,27 @@ from typing import Any
 from sqlalchemy import ColumnElement, Connection, Engine, FromClause, func, or_, select
 
 from bella.catalogue.engine import reading
-from bella.catalogue.models import BurstObservatoryRow, BurstRow, SolutionFlagRow, SolutionRow, table_of
-from bella.catalogue.paging import Key, after, cursor_after, mark_of, ordered_by, parse_cursor
+from bella.catalogue.models import (
+    AlertRow,
+    BurstObservatoryRow,
+    BurstRow,
+    DetectionRow,
+    SearchedDayRow,
+    SolutionFlagRow,
+    SolutionRow,
+    SourceFileRow,
+    UtcTime,
+    table_of,
+)
+from bella.catalogue.paging import Key, check_limit, read_page
 from bella.catalogue.preference import preferences
-from bella.catalogue.records import BURST_SORTS, Burst, BurstPage, BurstQuery, BurstSummary, Solution
+from bella.catalogue.records import BURST_SORTS, Burst, BurstPage, BurstQuery, BurstSummary, Held, Solution
 from bella.catalogue.solutions import is_newest, retraction_of, solution_rows
 from bella.exceptions import InputError, NoDataError
-from bella.records import Origin
+from bella.flags import REJECTED
+from bella.records import REAL_ORIGINS, Origin
 from bella.units import within_half_turn_deg
 
-MAX_LIMIT = 1000
 HALF_TURN_DEG, TURN_DEG = 180.0, 360.0
 BURSTS, ANSWERS = table_of(BurstRow), table_of(SolutionRow).alias("answer")
 _LOW, _HIGH = 0, 1
@@ -62,25 +73,38 @@ def bursts(engine: Engine, query: BurstQuery) -> BurstPage:
     InputError
         Where the cursor, the order or the limit is not valid.
     """
-    if not 1 <= query.limit <= MAX_LIMIT:
-        raise InputError(f"limit is {query.limit}: give 1 to {MAX_LIMIT}")
-    order, wanted, mark = _order(query.sort), burst_filters(query), mark_of(query)
-    beyond = [after(order, parse_cursor(order, query.cursor, mark))] if query.cursor is not None else []
-    page = (
-        select(BURSTS, order[0].column.label("sorted_by"))
-        .select_from(with_answers())
-        .where(*wanted, *beyond)
-        .order_by(*ordered_by(order))
-        .limit(query.limit + 1)
-    )
+    check_limit(query.limit)
+    order = _order(query.sort)
+    found = select(BURSTS, order[0].column.label("sorted_by")).select_from(with_answers()).where(*burst_filters(query))
     with reading(engine) as connection:
-        counted = select(func.count()).select_from(with_answers()).where(*wanted)
-        total = connection.execute(counted).scalar_one()
-        rows = connection.execute(page).mappings().all()
-        shown = rows[: query.limit]
-        summaries = _summaries(connection, shown)
-    more = len(rows) > query.limit
-    return BurstPage(summaries, cursor_after(order, dict(shown[-1]), mark) if more else None, total)
+        page = read_page(connection, query, found, order)
+        return BurstPage(_summaries(connection, page.rows), page.next_cursor, page.total)
+
+
+def held(engine: Engine) -> Held:
+    """How much of real data there is, in one statement."""
+    real, days, detections = sorted(REAL_ORIGINS), table_of(SearchedDayRow).c, table_of(DetectionRow).c
+    stands = BURSTS.c.retracted_utc.is_(None) & BURSTS.c.origin.in_(real)
+    solutions, alerts = table_of(SolutionRow).c, table_of(AlertRow).c
+    of_real = select(BURSTS.c.burst_id).where(stands)
+    counted = {
+        "bursts": select(func.count()).where(stands),
+        "answers": select(func.count(BURSTS.c.answer_id)).where(stands),
+        "solutions": select(func.count(solutions.solution_id)).where(
+            solutions.retracted_utc.is_(None), solutions.burst_id.in_(of_real)
+        ),
+        "detections": select(func.count(detections.detection_id)).where(
+            detections.tier != REJECTED, detections.origin.in_(real)
+        ),
+        "days": select(func.count(days.day.distinct())).where(days.origin.in_(real)),
+        "files": select(func.count()).select_from(table_of(SourceFileRow)),
+        "alerts": select(func.count(alerts.sequence)).where(alerts.origin.in_(real)),
+        "newest_burst_utc": select(func.max(BURSTS.c.start_utc, type_=UtcTime)).where(stands),
+        "updated_utc": select(func.max(BURSTS.c.updated_utc, type_=UtcTime)).where(BURSTS.c.origin.in_(real)),
+    }
+    statement = select(*(one.scalar_subquery().label(name) for name, one in counted.items()))
+    with reading(engine) as connection:
+        return Held(**connection.execute(statement).mappings().one())
 
 
 def _order(sort: str) -> list[Key]:

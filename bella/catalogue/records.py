@@ -123,11 +123,13 @@ class DaySummary:
 class DayPage:
     """Searched days, the newest first, each once for every origin of its files.
 
-    `next_last` is the day to go on with, None at the end; `total` counts all days.
+    `next_last` is the day to go on with, and `next_cursor` the same as a cursor; None at the end. `total` counts all
+    days.
     """
 
     days: tuple[DaySummary, ...]
     next_last: date | None
+    next_cursor: str | None
     total: int
 
 
@@ -319,6 +321,109 @@ class BurstPage:
     bursts: tuple[BurstSummary, ...]
     next_cursor: str | None
     total: int
+
+
+@dataclass(frozen=True)
+class DetectionQuery:
+    """Which detections, in which order, and which page of them.
+
+    The onset is in [start, stop); the spacecraft, the tier and the burst are these where they are given.
+    """
+
+    start: datetime | None = None
+    stop: datetime | None = None
+    observatory: str | None = None
+    tier: str | None = None
+    burst_id: str | None = None
+    sort: Literal["start", "-start"] = "start"
+    cursor: str | None = None
+    limit: int = 1000
+    origins: frozenset[Origin] = frozenset(REAL_ORIGINS)
+
+
+@dataclass(frozen=True)
+class DetectionPage:
+    """One page of detections; `next_cursor` is None on the last, `total` counts all pages."""
+
+    detections: tuple[Detection, ...]
+    next_cursor: str | None
+    total: int
+
+
+@dataclass(frozen=True)
+class SolutionQuery:
+    """Which solutions, in which order, and which page of them.
+
+    All versions; or with `newest` those that no other one supersedes. They were published at `created_since` or later,
+    and not retracted unless `with_retracted`.
+    """
+
+    burst_id: str | None = None
+    edges: frozenset[str] = field(default_factory=frozenset)
+    methods: frozenset[str] = field(default_factory=frozenset)
+    presets: frozenset[str] = field(default_factory=frozenset)
+    newest: bool = False
+    created_since: datetime | None = None
+    sort: Literal["created", "-created"] = "-created"
+    cursor: str | None = None
+    limit: int = 100
+    origins: frozenset[Origin] = frozenset(REAL_ORIGINS)
+    with_retracted: bool = False
+
+
+@dataclass(frozen=True)
+class SolutionPage:
+    """One page of solutions; `next_cursor` is None on the last, `total` counts all pages."""
+
+    solutions: tuple[Solution, ...]
+    next_cursor: str | None
+    total: int
+
+
+@dataclass(frozen=True)
+class SourceQuery:
+    """Which inputs, in which order, and which page of them: of days in [first, last], changed since a time."""
+
+    dataset: str | None = None
+    first: date | None = None
+    last: date | None = None
+    updated_since: datetime | None = None
+    sort: Literal["day", "-day", "updated", "-updated"] = "-day"
+    cursor: str | None = None
+    limit: int = 100
+
+
+@dataclass(frozen=True)
+class KnownSource:
+    """An input with the time since which the catalogue knows of it, and that of its last change."""
+
+    file: SourceFile
+    received_utc: datetime
+    changed_utc: datetime
+
+
+@dataclass(frozen=True)
+class SourcePage:
+    """One page of inputs; `next_cursor` is None on the last, `total` counts all pages."""
+
+    sources: tuple[KnownSource, ...]
+    next_cursor: str | None
+    total: int
+
+
+@dataclass(frozen=True)
+class Held:
+    """How much of real data the catalogue has: what stands, and detections that were not rejected."""
+
+    bursts: int
+    answers: int
+    solutions: int
+    detections: int
+    days: int
+    files: int
+    alerts: int
+    newest_burst_utc: datetime | None
+    updated_utc: datetime | None
 
 
 @dataclass(frozen=True)

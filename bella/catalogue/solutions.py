@@ -1,7 +1,7 @@
 """Reading solutions and what belongs to them."""
 
-from collections.abc import Iterable
-from datetime import UTC, datetime
+from collections.abc import Collection, Iterable
+from datetime import UTC, date, datetime
 from typing import Any
 
 from sqlalchemy import ColumnElement, Connection, Engine, Select, and_, false, func, select, update
@@ -19,7 +19,21 @@ from bella.catalogue.models import (
     TrackFitRow,
     table_of,
 )
-from bella.catalogue.records import Localisation, Retraction, Series, Solution, SourceFile, StoredGroup, by_preference
+from bella.catalogue.paging import Key, check_limit, read_page
+from bella.catalogue.records import (
+    KnownSource,
+    Localisation,
+    Retraction,
+    Series,
+    Solution,
+    SolutionPage,
+    SolutionQuery,
+    SourceFile,
+    SourcePage,
+    SourceQuery,
+    StoredGroup,
+    by_preference,
+)
 from bella.exceptions import NoDataError
 from bella.records import Origin, Track
 
@@ -125,6 +139,53 @@ def settle_answer(connection: Connection, burst_id: str) -> Solution | None:
     return solution_rows(connection, table.c.solution_id == answer_id)[0]
 
 
+def solutions(engine: Engine, query: SolutionQuery) -> SolutionPage:
+    """One page of solutions by the time of their publication.
+
+    Parameters
+    ----------
+    engine : sqlalchemy.Engine
+        Engine of the catalogue.
+    query : SolutionQuery
+        Filters, the order, the cursor of the page before, and the size of a page (1 to 1000).
+
+    Returns
+    -------
+    SolutionPage
+
+    Raises
+    ------
+    InputError
+        Where the cursor or the limit is not valid.
+    """
+    check_limit(query.limit)
+    table, bursts = table_of(SolutionRow), table_of(BurstRow)
+    wanted: list[ColumnElement[bool]] = [bursts.c.origin.in_(sorted(query.origins))]
+    if not query.with_retracted:
+        wanted += [table.c.retracted_utc.is_(None), bursts.c.retracted_utc.is_(None)]
+    if query.burst_id is not None:
+        wanted.append(table.c.burst_id == query.burst_id)
+    if query.created_since is not None:
+        wanted.append(table.c.created_utc >= query.created_since)
+    if query.newest:
+        wanted.append(is_newest(table))
+    for name, names in (("edge", query.edges), ("method", query.methods), ("preset", query.presets)):
+        if names:
+            wanted.append(table.c[name].in_(sorted(names)))
+    descending = query.sort == "-created"
+    order = (
+        Key("created_utc", table.c.created_utc, datetime, descending),
+        Key("solution_id", table.c.solution_id, str, descending),
+    )
+    joined = table.join(bursts, bursts.c.burst_id == table.c.burst_id)
+    listed = select(table.c.created_utc, table.c.solution_id).select_from(joined).where(*wanted)
+    with reading(engine) as connection:
+        page = read_page(connection, query, listed, order)
+        ids = [row["solution_id"] for row in page.rows]
+        found = {one.solution_id: one for one in solution_rows(connection, table.c.solution_id.in_(ids))}
+    return SolutionPage(tuple(found[one] for one in ids), page.next_cursor, page.total)
+
+
 def solution(engine: Engine, solution_id: str) -> Solution:
     """One solution.
 
@@ -149,6 +210,27 @@ def localisations(engine: Engine, solution_id: str) -> tuple[Localisation, ...]:
     query = select(table).where(table.c.solution_id == solution_id).order_by(table.c.frequency_mhz)
     rows = _of_solution(engine, solution_id, query)
     return tuple(Localisation(**{name: row[name] for name in row if name != "solution_id"}) for row in rows)
+
+
+def localisations_of(engine: Engine, solution_ids: Collection[str]) -> dict[str, list[Localisation]]:
+    """Localisations of many solutions, each by ascending frequency, in one statement; none where there are none."""
+    table = table_of(LocalisationRow)
+    wanted = select(table).where(table.c.solution_id.in_(solution_ids))
+    found: dict[str, list[Localisation]] = {one: [] for one in solution_ids}
+    names = [column.name for column in table.c if column.name != "solution_id"]
+    with reading(engine) as connection:
+        for row in connection.execute(wanted.order_by(table.c.solution_id, table.c.frequency_mhz)).mappings():
+            found[row["solution_id"]].append(Localisation(**{name: row[name] for name in names}))
+    return found
+
+
+def tracks_of(engine: Engine, solution_ids: Collection[str]) -> dict[str, Track]:
+    """Tracks of those of many solutions that have a joint fit, in one statement."""
+    table = table_of(TrackFitRow)
+    with reading(engine) as connection:
+        rows = connection.execute(select(table).where(table.c.solution_id.in_(solution_ids))).all()
+    tracks = {row.solution_id: read_track(row.fit) for row in rows}
+    return {solution_id: track for solution_id, track in tracks.items() if track is not None}
 
 
 def track(engine: Engine, solution_id: str) -> Track | None:
@@ -191,6 +273,47 @@ def sources(engine: Engine, solution_id: str) -> tuple[SourceFile, ...]:
         .order_by(link.c.position)
     )
     return tuple(SourceFile(**row) for row in _of_solution(engine, solution_id, query))
+
+
+def all_sources(engine: Engine, query: SourceQuery) -> SourcePage:
+    """One page of the inputs of all solutions.
+
+    Parameters
+    ----------
+    engine : sqlalchemy.Engine
+        Engine of the catalogue.
+    query : SourceQuery
+        Filters, the order, the cursor of the page before, and the size of a page (1 to 1000).
+
+    Returns
+    -------
+    SourcePage
+
+    Raises
+    ------
+    InputError
+        Where the cursor or the limit is not valid.
+    """
+    check_limit(query.limit)
+    columns = table_of(SourceFileRow).c
+    wanted: list[ColumnElement[bool]] = []
+    wanted += [] if query.dataset is None else [columns.dataset == query.dataset]
+    wanted += [] if query.first is None else [columns.day >= query.first]
+    wanted += [] if query.last is None else [columns.day <= query.last]
+    wanted += [] if query.updated_since is None else [columns.changed_utc >= query.updated_since]
+    descending = query.sort.startswith("-")
+    first = {
+        "day": Key("day", columns.day, date, descending),
+        "updated": Key("changed_utc", columns.changed_utc, datetime, descending),
+    }[query.sort.removeprefix("-")]
+    order = (first, Key("source_id", columns.source_id, int, descending))
+    with reading(engine) as connection:
+        page = read_page(connection, query, select(table_of(SourceFileRow)).where(*wanted), order)
+    known = (
+        KnownSource(SourceFile(**{name: row[name] for name in _SOURCE}), row["received_utc"], row["changed_utc"])
+        for row in page.rows
+    )
+    return SourcePage(tuple(known), page.next_cursor, page.total)
 
 
 def referenced_paths(engine: Engine) -> frozenset[str]:

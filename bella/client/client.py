@@ -22,7 +22,6 @@ from bella.exceptions import BellaError, InputError, NoDataError, UnreachableErr
 API = "api/v1"
 TIMEOUT_S = 60.0
 PAGE_ROWS = 1000
-DETECTIONS_PER_REPLY = 5000
 
 Instant: TypeAlias = str | Time
 
@@ -84,20 +83,9 @@ class Client:
         """Sources at each frequency of the bursts that begin in [start, stop); see `bursts`."""
         return self._pages("localisations", start, stop, filters)
 
-    def detections(self, start: Instant, stop: Instant, observatory: str | None = None) -> QTable:
-        """Bursts as each spacecraft received them, with their onset in [start, stop).
-
-        Raises
-        ------
-        InputError
-            If there are more than one reply holds: ask for a shorter time.
-        """
-        limit = DETECTIONS_PER_REPLY
-        query = {"start": _utc(start), "stop": _utc(stop), "observatory": observatory, "limit": limit}
-        table = self._table("detections", query)
-        if "truncated" in table.meta:
-            raise InputError(f"there are more than {limit} detections from {start} to {stop}; ask for a shorter time")
-        return table
+    def detections(self, start: Instant, stop: Instant, observatory: str | None = None, **filters: Any) -> QTable:
+        """Bursts as each spacecraft received them, with their onset in [start, stop); see `bursts`."""
+        return self._pages("detections", start, stop, {"observatory": observatory, **filters})
 
     def track(self, burst_id: str, **choice: Any) -> QTable:
         """Localisation table of one burst: of its preferred solution, or of the edge, method or version chosen."""

@@ -306,6 +306,26 @@ EVENTS = Schema(
     ),
 )
 
+LATENCIES = Schema(
+    "latency",
+    "How long each solution took",
+    "published_utc",
+    (
+        BURST_ID,
+        SOLUTION_ID,
+        ORIGIN,
+        _time("published_utc", "time.creation", "When the solution could be read."),
+        _time("data_utc", "time.end", "End of the burst."),
+        _time("seen_utc", "time.epoch", "When the archive first listed the last of its files."),
+        _time("fetched_utc", "time.epoch", "When the last of its files was in the mirror."),
+        _time("detected_utc", "time.epoch", "When the search of its day had ended."),
+        _float("data_to_published_s", "s", "time.interval", "From the end of the burst to the publication."),
+        _float("seen_to_published_s", "s", "time.interval", "From the listing of the last file to the publication."),
+        _float("fetched_to_published_s", "s", "time.interval", "From the mirror to the publication."),
+        _float("detected_to_published_s", "s", "time.interval", "From the search to the publication."),
+    ),
+)
+
 SCHEMAS = {schema.name: schema for schema in (BURSTS, LOCALISATIONS, TRACKS, DETECTIONS, ARRIVALS, DAYS, EVENTS)}
 """Published tables by name."""
 

@@ -259,8 +259,8 @@ class _Bursts:
         solution = summary.preferred
         if solution is None:
             return
-        self.tables.add(TRACKS, month, track_rows(self.catalogue, summary))
-        self.tables.add(LOCALISATIONS, month, localisation_rows(self.catalogue, solution))
+        self.tables.add(TRACKS, month, track_rows(self.catalogue, [summary]))
+        self.tables.add(LOCALISATIONS, month, localisation_rows(self.catalogue, [solution]))
         root = self.settings.store_root
         if self.with_posteriors:
             copy_group(root, solution.store_path, solution.store_sha256, self.folder / POSTERIORS)

@@ -1,17 +1,23 @@
 """Rows of the published tables, from the catalogue and the posteriors: the same for the API, HAPI and a release."""
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import asdict, replace
+from datetime import date
+from itertools import islice
+from typing import TypeVar
 
 import numpy as np
 import xarray as xr
 
-from bella.answer import read_track
-from bella.catalogue import BurstQuery, BurstSummary, Catalogue, DaySummary, KnownEvent, Solution
+from bella.catalogue import BurstQuery, BurstSummary, Catalogue, DaySummary, KnownEvent, Solution, SolutionTimes
 from bella.exceptions import InputError
 from bella.formats import track_numbers
 
 Row = dict[str, object]
+Item = TypeVar("Item")
+
+AT_ONCE = 500
+"""Solutions that are read with one statement."""
 
 _NOISE = ("sigma_s", "shape_sd_s", "offset_sd_s", "delay_s", "delay_sd_s", "rise_s")
 _POSITION = ("x_rsun", "y_rsun", "z_rsun")
@@ -40,28 +46,38 @@ def burst_row(summary: BurstSummary) -> Row:
     return {**row, **said, **_series(preferred), **more, "flags": ";".join(preferred.flags)}
 
 
-def track_rows(catalogue: Catalogue, summary: BurstSummary) -> Iterator[Row]:
-    """Row of a burst in the table of tracks; none where its preferred solution has no track."""
-    preferred = summary.preferred
-    track = read_track(catalogue.track_fit(preferred.solution_id)) if preferred else None
-    if preferred is None or track is None:
-        return
-    answer = preferred.answer
-    yield {
-        "burst_id": summary.burst.burst_id,
-        "start_utc": summary.burst.start_utc,
-        "grade": answer.grade,
-        "tier": answer.tier,
-        **track_numbers(track.joint),
-        **_series(preferred),
-    }
+def track_rows(catalogue: Catalogue, summaries: Iterable[BurstSummary]) -> Iterator[Row]:
+    """Rows of bursts in the table of tracks; none of a burst whose preferred solution has no track."""
+    for some in _batches(one for one in summaries if one.preferred):
+        tracks = catalogue.tracks_of([one.preferred.solution_id for one in some if one.preferred])
+        for summary in some:
+            preferred = summary.preferred
+            if preferred is None or preferred.solution_id not in tracks:
+                continue
+            yield {
+                "burst_id": summary.burst.burst_id,
+                "start_utc": summary.burst.start_utc,
+                "grade": preferred.answer.grade,
+                "tier": preferred.answer.tier,
+                **track_numbers(tracks[preferred.solution_id].joint),
+                **_series(preferred),
+            }
 
 
-def localisation_rows(catalogue: Catalogue, solution: Solution) -> Iterator[Row]:
-    """Rows of a solution in the table of localisations, one per frequency."""
-    same = {**_series(solution), "burst_id": solution.burst_id}
-    for row in catalogue.localisations(solution.solution_id):
-        yield {**asdict(row), **same}
+def localisation_rows(catalogue: Catalogue, solutions: Iterable[Solution]) -> Iterator[Row]:
+    """Rows of solutions in the table of localisations, one per frequency."""
+    for some in _batches(solutions):
+        positions = catalogue.localisations_of([one.solution_id for one in some])
+        for solution in some:
+            same = {**_series(solution), "burst_id": solution.burst_id}
+            for row in positions[solution.solution_id]:
+                yield {**asdict(row), **same}
+
+
+def _batches(items: Iterable[Item]) -> Iterator[list[Item]]:
+    rest = iter(items)
+    while some := list(islice(rest, AT_ONCE)):
+        yield some
 
 
 def arrival_rows(solution: Solution, posterior: xr.Dataset, observatory: str | None = None) -> list[Row]:
@@ -107,6 +123,26 @@ def day_row(day: DaySummary) -> Row:
     del counts["searched"]
     words = {"day_utc": day.searched.day.isoformat(), "observatories": " ".join(day.searched.observatories)}
     return {**searched, **counts, **words}
+
+
+def all_days(catalogue: Catalogue, first: date | None, last: date | None) -> Iterator[DaySummary]:
+    """Searched days of [first, last] in real data, the newest first."""
+    cursor: str | None = None
+    while True:
+        page = catalogue.days(first, last, limit=366, cursor=cursor)
+        yield from page.days
+        if page.next_cursor is None:
+            return
+        cursor = page.next_cursor
+
+
+def latency_row(solution_id: str, times: SolutionTimes) -> Row:
+    """Row of a solution in the table of latencies."""
+    row: Row = {**asdict(times), "solution_id": solution_id, "burst_id": solution_id.partition(".")[0]}
+    for step in ("data", "seen", "fetched", "detected"):
+        since = getattr(times, f"{step}_utc")
+        row[f"{step}_to_published_s"] = None if since is None else (times.published_utc - since).total_seconds()
+    return row
 
 
 def event_rows(catalogue: Catalogue, known: KnownEvent) -> Iterator[Row]:

@@ -7,7 +7,7 @@ import os
 import time
 from collections.abc import Sequence
 from contextlib import closing
-from datetime import UTC, date, datetime
+from datetime import UTC, date, datetime, timedelta
 from pathlib import Path
 
 import structlog
@@ -26,16 +26,21 @@ log = structlog.get_logger(__name__)
 LOOK_S, RETRY_S = 2.0, 60.0
 """Between two looks at the mirror, and before a day that failed is tried again, s."""
 
+LATEST = timedelta(seconds=5)
+"""So long after its time a watch may end; where work took longer, it goes on in place of the next one."""
 
-def watch_days(run: Run, executor: Executor, lasting_s: float) -> tuple[DayOutcome, ...]:
+
+def watch_days(run: Run, executor: Executor, until: datetime, every: timedelta) -> tuple[DayOutcome, ...]:
     """Process the recent days of the mirror as their files come, for a while.
 
     Parameters
     ----------
     run : Run
     executor : Executor
-    lasting_s : float
-        Nothing is begun after so many seconds; everything that waits at first is looked at once all the same.
+    until : datetime.datetime
+        When it ends; it looks at the mirror once at least.
+    every : datetime.timedelta
+        If it is at work then, it ends after one or more of these.
 
     Returns
     -------
@@ -47,16 +52,21 @@ def watch_days(run: Run, executor: Executor, lasting_s: float) -> tuple[DayOutco
     BellaError
         If mirror or catalogue cannot be used at the end; before it, that is tried again.
     """
-    watch, end = Watch(run, executor), time.monotonic() + lasting_s
+    watch = Watch(run, executor)
     while True:
+        failure, is_busy = None, False
         try:
             is_busy = watch.step(datetime.now(UTC).date())
         except BellaError as error:
-            if not error.retriable or time.monotonic() >= end:
+            if not error.retriable:
                 raise
+            failure = error
             log.warning("looks again", reason=str(error))
-            is_busy = False
-        if time.monotonic() >= end:
+        while datetime.now(UTC) >= until + LATEST:
+            until += every
+        if datetime.now(UTC) >= until:
+            if failure is not None:
+                raise failure
             return watch.outcomes
         if not is_busy:
             time.sleep(LOOK_S)

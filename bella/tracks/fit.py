@@ -15,9 +15,6 @@ from bella.tracks.likelihood import Likelihood, evidence_of
 from bella.tracks.model import WIND_KM_S, Track, TrackModel
 from bella.tracks.posterior import STARTS, Draws, Nodes, Starts, around_the_circle, cells, propagated, reweighted
 from bella.tracks.quality import (
-    COMPONENTS,
-    EDGES_DIFFER,
-    SHARED_BAND,
     WIDTHS_DIFFER,
     Quality,
     doubted,
@@ -54,12 +51,6 @@ for: the times contradict it."""
 
 FAST_WIND_KM_S, FAST_PROBABILITY = 1500.0, 0.05
 """A wind above this with more than this probability: the longitude does not fall with distance. The prior has 1e-2."""
-
-MISFIT_P = 1e-4
-"""Two-sided: chi2 is larger, or smaller, once in 10 000 times."""
-
-LARGE_ERRORS = 0.2
-"""Chi2 per degree of freedom below which errors are called too large: times read off a smooth curve have 0.2 to 0.7."""
 
 BEAM_SPEEDS_C = (0.03, 0.6)
 """Speeds of beams of Type III bursts in the literature (Reid & Ratcliffe 2014, doi:10.1088/1674-4527/14/7/003)."""
@@ -294,14 +285,8 @@ def _flags(  # noqa: PLR0913, PLR0917
         "phi0_not_constrained": (phi0.contraction or 0.0) >= NOT_CONSTRAINED,
         "not_a_spiral": float(weight @ (values["v_sw_km_s"] > FAST_WIND_KM_S)) > FAST_PROBABILITY,
         "several_tracks": len(region(nodes, 0.95)) > 1,
-        "poor_fit": quality.misfit_p < MISFIT_P,
-        "errors_too_large": quality.misfit_p > 1 - MISFIT_P and quality.chi2 < LARGE_ERRORS * quality.freedom,
-        "components_differ": quality.plain_chi2 > COMPONENTS or quality.width_share > WIDTHS_DIFFER,
-        "edges_differ": quality.added >= EDGES_DIFFER,
-        "clock_offset": bool(quality.clocks),
-        "two_spacecraft": quality.shared_band < SHARED_BAND,
+        **quality.flags,
         "beam_speed_unlikely": not is_orderly or whole or any(local),
-        "arrivals_down_weighted": quality.dropped > 0,
         "poor_weights": effective < GOOD_EFFECTIVE,
     }
     applies["not_one_source"] = (

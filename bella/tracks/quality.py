@@ -49,6 +49,12 @@ ENOUGH_LESS = 2.0
 CLOCK_SIGMAS, LEAST_PRECISION = 3.0, 1e-8
 """An offset of a clock this many standard deviations from zero is named; one known to worse than 10 000 s is none."""
 
+MISFIT_P = 1e-4
+"""Two-sided: chi2 is larger, or smaller, once in 10 000 times."""
+
+LARGE_ERRORS = 0.2
+"""Chi2 per degree of freedom below which errors are called too large: times read off a smooth curve have 0.2 to 0.7."""
+
 OUTLIER_SIGMAS, MOST_OUTLIERS = 6.0, 0.1
 """An arrival time so many standard deviations from what all others predict is left out, up to this share of them."""
 
@@ -88,6 +94,19 @@ class Quality:
     def clocks(self) -> list[str]:
         """Observatories whose offset is more than three of its standard deviations."""
         return [name for name, one in self.offsets.items() if abs(one.mean or 0.0) > CLOCK_SIGMAS * (one.sd or np.inf)]
+
+    @property
+    def flags(self) -> dict[str, bool]:
+        """Flags that the misfit of the times raises, or not."""
+        return {
+            "poor_fit": self.misfit_p < MISFIT_P,
+            "errors_too_large": self.misfit_p > 1 - MISFIT_P and self.chi2 < LARGE_ERRORS * self.freedom,
+            "components_differ": self.plain_chi2 > COMPONENTS or self.width_share > WIDTHS_DIFFER,
+            "edges_differ": self.added >= EDGES_DIFFER,
+            "clock_offset": bool(self.clocks),
+            "two_spacecraft": self.shared_band < SHARED_BAND,
+            "arrivals_down_weighted": self.dropped > 0,
+        }
 
 
 def has_shape(grid: ArrivalGrid) -> bool:

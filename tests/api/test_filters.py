@@ -3,7 +3,9 @@
 from collections.abc import Iterator
 from datetime import timedelta
 from typing import Any
+from urllib.parse import urlencode
 
+import httpx
 import pytest
 from fastapi.testclient import TestClient
 
@@ -130,6 +132,40 @@ def test_what_is_not_known_is_refused_with_what_is(reader: TestClient, path: str
     reply = reader.get(f"/api/v1/{path}?{query}")
     if path != "bursts/latest" or not query.startswith("sort"):
         assert (reply.status_code, words in reply.json()["detail"]) == (422, True), reply.text
+
+
+@pytest.mark.parametrize("path", ["bursts", "tracks", "localisations"])
+@pytest.mark.parametrize("name", ["csv", "json"])
+def test_all_that_a_query_finds_comes_in_one_reply(reader: TestClient, path: str, name: str) -> None:
+    """The pages of one burst each hold the same rows as the whole."""
+    query = {"grade": "ABC", "sort": "longitude", "format": name}
+    whole = rows_of(reader.get(f"/api/v1/{path}", params=query | {"limit": "all"}))
+    assert len(whole) == 3
+    seen: list[Any] = []
+    following: str | None = f"/api/v1/{path}?{urlencode(query)}&limit=1"
+    while following:
+        reply = reader.get(following)
+        seen += rows_of(reply)
+        following = reply.links.get("next", {}).get("url") or (
+            reply.json().get("next") if path == "bursts" and name == "json" else None
+        )
+    assert seen == whole
+
+
+def rows_of(reply: httpx.Response) -> list[Any]:
+    """Rows of a table, or of a list of bursts."""
+    assert reply.status_code == 200, reply.text
+    if reply.headers["content-type"].startswith("application/json"):
+        found = reply.json()
+        return list(found.get("rows", found.get("bursts")))
+    return [line for line in reply.text.splitlines() if not line.startswith("#")][1:]
+
+
+def test_too_many_bursts_for_one_reply_are_refused(reader: TestClient, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("api.tables.MOST_BURSTS", 3)
+    assert "more than 3 bursts" in reader.get("/api/v1/tracks?limit=all").json()["detail"]
+    assert reader.get("/api/v1/tracks?limit=all&grade=A").status_code == 200
+    assert reader.get("/api/v1/tracks?limit=every").status_code == 422
 
 
 def test_names_are_alike_everywhere() -> None:

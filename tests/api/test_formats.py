@@ -53,7 +53,7 @@ def test_what_is_not_known_is_refused_with_what_is(client: TestClient, path: str
     join = "&" if "?" in path else "?"
     named = client.get(f"/api/v1/{path}{join}format=xls")
     accepted = client.get(f"/api/v1/{path}", headers={"Accept": "image/png, text/csv;q=0"})
-    assert named.status_code == 422
+    assert named.status_code == 406
     assert "json, csv, ecsv, votable, tfcat, cdf, netcdf, parquet" in named.json()["detail"]
     assert accepted.status_code == 406
     assert "application/x-votable+xml" in accepted.json()["detail"]
@@ -62,7 +62,7 @@ def test_what_is_not_known_is_refused_with_what_is(client: TestClient, path: str
 def test_a_table_that_tfcat_cannot_hold_says_so(client: TestClient) -> None:
     reply = client.get("/api/v1/bursts?format=tfcat")
     assert reply.status_code == 422
-    assert "detections and arrivals only" in reply.json()["detail"]
+    assert "detections, arrivals, events only" in reply.json()["detail"]
 
 
 def test_json_of_the_api_and_all_tables_hold_the_same_numbers(client: TestClient) -> None:

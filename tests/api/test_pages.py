@@ -2,6 +2,7 @@
 
 import re
 from contextlib import closing
+from datetime import UTC, datetime
 from pathlib import Path
 
 import pytest
@@ -9,9 +10,10 @@ from fastapi.testclient import TestClient
 
 from api.app import create_app
 from api.rendering import DASH
-from bella.catalogue import Catalogue
+from bella.catalogue import Catalogue, ListRead
+from bella.linked_events import Event, Link
 from bella.settings import Settings
-from tests.api.published import published, settings_of
+from tests.api.published import published, settings_of, synthetic_burst
 from tests.plotting.synthetic import BURST_ID
 
 API_PAGE = Path(__file__).parents[2] / "docs" / "api.md"
@@ -266,6 +268,24 @@ def test_a_table_is_checked_row_by_row_and_shown_before_anything_is_kept(client:
     assert client.post("/submit", data={"table": "x" * 10**7}, headers=HTML).status_code == 413
 
 
+def test_events_near_a_burst_stand_on_its_page(tmp_path: Path) -> None:
+    settings, start = settings_of(tmp_path), datetime(2012, 6, 7, 19, 24, tzinfo=UTC)
+    place = {"size": "C3.4", "longitude_deg": 62.0, "region": 1494}
+    flare = Event("swpc:5200", "flare", "swpc", "5200", "EARTH", start, start, **place)
+    with closing(Catalogue.open(settings.catalogue_url, create=True)) as catalogue:
+        published(settings, catalogue)
+        published(settings, catalogue, burst=synthetic_burst(burst_id="T3-20120608-0000"))
+        known = ListRead("goes.json", "read", "a" * 64, 1, 0, "", start, start, start, start)
+        catalogue.events.replace(known, [flare])
+        catalogue.events.link(BURST_ID, [Link(flare, -120.0)])
+    with TestClient(create_app(settings)) as other:
+        text = page(other, f"/bursts/{BURST_ID}")
+        table = text[text.index('class="events"') : text.index("</table>", text.index('class="events"'))]
+        for words in ("flare", "2012-06-07 19:24", "\N{MINUS SIGN}2.0", "C3.4", ">62<", "1494", "swpc"):
+            assert words in table, words
+        assert 'id="no-events"' in page(other, "/bursts/T3-20120608-0000")
+
+
 def test_an_unknown_burst_is_a_page_too(client: TestClient) -> None:
     assert "T3-19990101-0000" in page(client, "/bursts/T3-19990101-0000", 404)
 
@@ -301,7 +321,7 @@ def test_api_description_says_of_what_kind_errors_are(client: TestClient) -> Non
             (kind,) = operation["responses"]["4XX"]["content"]
             assert reply.headers["content-type"] == kind
             assert "422" not in operation["responses"]
-    properties = operation["responses"]["4XX"]["content"][kind]["schema"]["properties"]
+    properties = client.get("/api/v1/openapi.json").json()["components"]["schemas"]["Problem"]["properties"]
     assert set(reply.json()) == set(properties)
 
 

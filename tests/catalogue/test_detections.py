@@ -2,16 +2,22 @@
 
 from dataclasses import replace
 from datetime import UTC, date, datetime, timedelta
+from typing import Any
 
 import pytest
 
-from bella.catalogue import Catalogue, Detection, SearchedDay
+from bella.catalogue import Catalogue, Detection, DetectionQuery, SearchedDay
 from bella.exceptions import InputError
 from bella.records import DayAnswer
 
 DAY = SearchedDay(date(2020, 7, 21), "a" * 64, "0.2.0", ("WIND", "STEREO-A"))
 START = datetime(2020, 7, 21, tzinfo=UTC)
 STOP = START + timedelta(days=1)
+
+
+def found(catalogue: Catalogue, *asked: Any, **more: Any) -> tuple[Detection, ...]:
+    """Detections of a question."""
+    return catalogue.detections(DetectionQuery(*asked, **more)).detections
 
 
 def heard(hour: int, observatory: str = "WIND", **changed: object) -> Detection:
@@ -37,11 +43,11 @@ def heard(hour: int, observatory: str = "WIND", **changed: object) -> Detection:
 
 
 def test_a_day_comes_back_as_it_was_recorded(catalogue: Catalogue) -> None:
-    found = [heard(7, tier="catalogued", reason="not localisable: group", isolated=False), heard(3)]
-    catalogue.record_day(DAY, found)
+    given = [heard(7, tier="catalogued", reason="not localisable: group", isolated=False), heard(3)]
+    catalogue.record_day(DAY, given)
 
     assert catalogue.searched_day(DAY.day) == DAY
-    assert catalogue.detections(START, STOP) == tuple(sorted(found, key=lambda one: one.start_utc))
+    assert found(catalogue, START, STOP) == tuple(sorted(given, key=lambda one: one.start_utc))
     assert catalogue.searched_day(date(2020, 7, 22)) is None
 
 
@@ -54,8 +60,8 @@ def test_a_day_is_replaced_whole_and_others_stay(catalogue: Catalogue) -> None:
     catalogue.record_day(again, [])
 
     assert catalogue.searched_day(DAY.day) == again
-    assert catalogue.detections(START, STOP) == ()
-    assert len(catalogue.detections(START - timedelta(days=1), STOP)) == 1
+    assert found(catalogue, START, STOP) == ()
+    assert len(found(catalogue, START - timedelta(days=1), STOP)) == 1
 
 
 def test_a_commit_that_fails_leaves_the_day_as_it_was(catalogue: Catalogue) -> None:
@@ -65,17 +71,17 @@ def test_a_commit_that_fails_leaves_the_day_as_it_was(catalogue: Catalogue) -> N
         catalogue.record_day(replace(DAY, inputs_hash="b" * 64), [heard(7), heard(8, tier=None)])
 
     assert catalogue.searched_day(DAY.day) == DAY
-    assert catalogue.detections(START, STOP) == (heard(3),)
+    assert found(catalogue, START, STOP) == (heard(3),)
 
 
 def test_the_range_is_half_open_and_may_be_of_one_spacecraft(catalogue: Catalogue) -> None:
     catalogue.record_day(DAY, [heard(0), heard(3, "STEREO-A"), heard(5)])
 
-    assert [one.start_utc.hour for one in catalogue.detections(START, START + timedelta(hours=5))] == [0, 3]
-    assert [one.observatory for one in catalogue.detections(START, STOP, "STEREO-A")] == ["STEREO-A"]
-    assert len(catalogue.detections(START, STOP, None, 2)) == 2
+    assert [one.start_utc.hour for one in found(catalogue, START, START + timedelta(hours=5))] == [0, 3]
+    assert [one.observatory for one in found(catalogue, START, STOP, "STEREO-A")] == ["STEREO-A"]
+    assert len(found(catalogue, START, STOP, limit=2)) == 2
     with pytest.raises(InputError, match="limit is 0"):
-        catalogue.detections(START, STOP, None, 0)
+        catalogue.detections(DetectionQuery(START, STOP, limit=0))
 
 
 @pytest.mark.parametrize("answer", [DayAnswer.NO_DATA, DayAnswer.ARCHIVE_SILENT])
@@ -88,3 +94,24 @@ def test_an_outage_takes_no_answer_away(catalogue: Catalogue, answer: DayAnswer)
     catalogue.record_day(searched, ())
     catalogue.record_unsearched(silent)
     assert catalogue.searched_day(DAY.day) == searched
+
+
+def test_pages_of_detections_make_the_whole_in_both_orders(catalogue: Catalogue) -> None:
+    catalogue.record_day(DAY, [heard(3), heard(3, "STEREO-A"), heard(3), heard(7, tier="rejected"), heard(1)])
+    whole = found(catalogue)
+    for sort, expected in (("start", whole), ("-start", whole[::-1])):
+        seen: list[Detection] = []
+        cursor: str | None = None
+        while True:
+            page = catalogue.detections(DetectionQuery(sort=sort, cursor=cursor, limit=2))  # type: ignore[arg-type]
+            seen += page.detections
+            assert page.total == 5
+            cursor = page.next_cursor
+            if cursor is None:
+                break
+        assert tuple(seen) == expected
+    assert len(found(catalogue, tier="rejected")) == 1
+    assert len(found(catalogue, burst_id=heard(3).burst_id)) == 3
+    cursor = catalogue.detections(DetectionQuery(limit=1)).next_cursor
+    with pytest.raises(InputError, match="cursor: was given with other filters"):
+        catalogue.detections(DetectionQuery(limit=1, cursor=cursor, tier="rejected"))

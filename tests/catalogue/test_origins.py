@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import pytest
 
-from bella.catalogue import BurstQuery, Catalogue, DaySummary
+from bella.catalogue import BurstQuery, Catalogue, DaySummary, DetectionQuery
 from bella.records import REAL_ORIGINS, Origin, burst_name, origins_beside
 from tests.catalogue.examples import burst, publication
 from tests.catalogue.test_detections import DAY, START, STOP, heard
@@ -31,14 +31,14 @@ def test_a_day_is_kept_once_for_each_origin(catalogue: Catalogue) -> None:
     assert catalogue.searched_day(DAY.day) == DAY
     assert catalogue.searched_day(DAY.day, (Origin.SIMULATED,)) == simulated
     assert catalogue.searched_day(DAY.day, (Origin.TEST,)) is None
-    assert [one.start_utc.hour for one in catalogue.detections(START, STOP)] == [3, 7]
-    (only,) = catalogue.detections(START, STOP, origins=SIMULATED)
+    assert [one.start_utc.hour for one in catalogue.detections(DetectionQuery(START, STOP)).detections] == [3, 7]
+    (only,) = catalogue.detections(DetectionQuery(START, STOP, origins=SIMULATED)).detections
     assert (only.start_utc.hour, only.origin) == (5, Origin.SIMULATED)
     assert [one.origin for one in catalogue.detections_of(DAY.day, SIMULATED)] == [Origin.SIMULATED]
     assert len(catalogue.detections_of(DAY.day)) == 2
     catalogue.record_day(simulated, [])
-    assert len(catalogue.detections(START, STOP)) == 2
-    assert catalogue.detections(START, STOP, origins=SIMULATED) == ()
+    assert len(catalogue.detections(DetectionQuery(START, STOP)).detections) == 2
+    assert catalogue.detections(DetectionQuery(START, STOP, origins=SIMULATED)).detections == ()
 
 
 def test_days_count_what_is_of_their_origin(catalogue: Catalogue) -> None:

@@ -6,7 +6,8 @@ from datetime import timedelta
 
 import pytest
 
-from bella.catalogue import Catalogue, Detection, SearchedDay
+from bella.catalogue import Catalogue, Detection, ObservedDay, ReceiverDay, SearchedDay, SolutionTimes
+from bella.records import DayAnswer
 from bella.settings import Settings
 from tests.api.published import ONSET, publish_event, publish_many, served, settings_of
 from tests.plotting.synthetic import BURST_ID
@@ -37,9 +38,19 @@ def filled(tmp_path_factory: pytest.TempPathFactory) -> Settings:
     later = {"start_utc": ONSET + timedelta(minutes=7), "tier": "rejected", "reason": "no drift, 3 channels"}
     found = [HEARD, replace(HEARD, observatory="STEREO-A"), replace(HEARD, burst_id="", **later)]
     with Catalogue.open(settings.catalogue_url, create=True) as catalogue:
-        publish_event(settings, catalogue)
+        first, second = publish_event(settings, catalogue)
         publish_many(settings, catalogue, 2)
         catalogue.record_day(SearchedDay(ONSET.date(), "h", "0.1", ("WIND", "STEREO-A")), found)
+        silent = SearchedDay(ONSET.date() + timedelta(days=1), "h", "0.1", (), DayAnswer.ARCHIVE_SILENT, "no answer")
+        catalogue.record_unsearched(silent)
+        wind = ReceiverDay(observatory="WIND", fraction=(0.5,) * 24)
+        observed = ObservedDay(day=ONSET.date(), distances_rsun=(), longitudes_deg=(), receivers=(wind,), maps=())
+        catalogue.operation.record_observed(observed, "h")
+        hour = timedelta(hours=1)
+        published_utc = ONSET + 90 * hour
+        times = SolutionTimes(ONSET + hour, published_utc - 3 * hour, published_utc - 2 * hour, None, published_utc)
+        catalogue.operation.record_times(first.solution_id, times)
+        catalogue.operation.record_times(second.solution_id, replace(times, published_utc=published_utc + hour))
     return settings
 
 

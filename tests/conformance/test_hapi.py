@@ -295,3 +295,31 @@ def test_hapiclient_reads_the_bursts(address: str) -> None:
     assert data["phi0_deg"].tolist() == [
         float(row[1]) for row in rows(sample(address, "bursts", parameters="phi0_deg")[1])[:2]
     ]
+
+
+def records(address: str, name: str) -> list[dict[str, str]]:
+    """Records of the sample of a data set, by the names of its parameters."""
+    names: list[str] = []
+    for one in header_of(address, name)["parameters"]:
+        names += [f"{one['name']}_{part}" for part in one["vectorComponents"]] if "size" in one else [one["name"]]
+    return [dict(zip(names, row, strict=True)) for row in rows(sample(address, name)[1])]
+
+
+def test_availability_says_what_was_searched_and_who_had_data(address: str) -> None:
+    searched, silent = records(address, "availability")
+    assert (searched["Time"], silent["Time"]) == ("2012-06-07T00:00:00.000000Z", "2012-06-08T00:00:00.000000Z")
+    assert (searched["answer"], silent["answer"], silent["reason"]) == ("no burst", "archive silent", "no answer")
+    assert (searched["detections"], searched["rejected"], searched["shared"]) == ("2", "1", "1")
+    assert (searched["observatories"], float(searched["wind_hours"])) == ("WIND STEREO-A", 12.0)
+    assert (float(searched["stereo_a_hours"]), silent["wind_hours"]) == (0.0, "NaN")
+
+
+def test_latency_says_how_long_each_solution_took(address: str) -> None:
+    one, other = records(address, "latency")
+    assert (other["data_to_published_s"], other["solution_id"] != one["solution_id"]) == ("324000.0", True)
+    assert one["Time"] == one["published_utc"] == "2012-06-11T13:29:15.000000Z"
+    assert one["burst_id"] == BURST_ID
+    assert one["solution_id"].startswith(f"{BURST_ID}.half_maximum")
+    hours = {step: float(one[f"{step}_to_published_s"]) / 3600 for step in ("data", "seen", "fetched")}
+    assert hours == {"data": 89.0, "seen": 3.0, "fetched": 2.0}
+    assert (one["detected_utc"], one["detected_to_published_s"]) == ("0001-01-01T00:00:00.000000Z", "NaN")

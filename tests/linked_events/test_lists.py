@@ -74,6 +74,17 @@ def test_a_flare_is_the_same_from_every_list(tmp_path: Path, content: Any, event
         assert (event.latitude_deg, event.longitude_deg, event.region) == (-17.0, 62.0, 11494)
 
 
+def test_places_are_positive_to_the_west_and_north(tmp_path: Path) -> None:
+    for place, expected in {
+        "N05E110": (5.0, -110.0),
+        "s17w62": (-17.0, 62.0),
+        "N95W10": (None, None),
+        "": (None, None),
+    }.items():
+        event = only(read(tmp_path, [DONKI_FLARES[0] | {"sourceLocation": place}]))
+        assert (event.latitude_deg, event.longitude_deg) == expected
+
+
 def test_a_cme_has_the_speed_of_its_best_analysis(tmp_path: Path) -> None:
     event = only(read(tmp_path, DONKI_CMES))
     assert (event.kind, event.size, event.published_id) == ("cme", "560 km/s", "2012-06-07T20:00:00-CME-001")

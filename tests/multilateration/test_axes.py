@@ -60,8 +60,10 @@ def test_displacement_keeps_areas_and_its_slope_is_its_derivative() -> None:
     assert np.ptp(h) > 50
 
 
-def test_the_first_lattice_covers_the_disc_of_the_prior() -> None:
-    problems = one_poor_clock(priors=BROAD)
+@pytest.mark.parametrize("range_rsun", [20.0, 60.0])
+@pytest.mark.parametrize("sigma_s", [POOR_S, (5.0, 5.0, 120.0), (120.0, 5.0, 5.0)], ids=["middle", "last", "first"])
+def test_the_first_lattice_covers_the_disc_of_the_prior(range_rsun, sigma_s) -> None:
+    problems = problems_of(grid_of(on_spiral(range_rsun), EVENT, sigma_s), BROAD, 2)
     lattice = _first_lattice(problems)
     angle = np.linspace(0, 2 * np.pi, 200)
     x, y = 730.0 * np.cos(angle), 730.0 * np.sin(angle)
@@ -75,18 +77,46 @@ def test_the_first_lattice_covers_the_disc_of_the_prior() -> None:
     assert (np.abs(ahead) <= high[1]).all()
 
 
+def parabola(turn: np.ndarray) -> Axes:
+    """Axes with h = 0.004 s^2 within 300 solar radii, straight beyond: steeper than any that are followed."""
+    curve = np.array([[360.0, 360.0, 360.0], [-1440.0, -1440.0, 1440.0], [0.0, 1440.0, 0.0], [0.0, 0.0, 0.0]])
+    return Axes(turn, curve[..., None], np.array([-300.0]), np.array([600.0]))
+
+
+@pytest.mark.parametrize("axes", [parabola(np.array([[1.0], [0.0]])), axes_of(one_poor_clock())], ids=["steep", "own"])
+@pytest.mark.parametrize("half_side", [5.0, 30.0, 200.0])
+def test_the_bulge_is_the_farthest_from_a_straight_line(axes: Axes, half_side: float) -> None:
+    middle, off = np.linspace(-500, 500, 101), np.linspace(-half_side, half_side, 21)[:, None]
+    h, lean = axes.bend(middle, slice(0, 1))
+    away = np.abs(axes.bend(middle + off, slice(0, 1))[0] - h - lean * off).max()
+
+    assert 0.1 * axes.bulge(np.array([half_side]))[0] < away <= axes.bulge(np.array([half_side]))[0] * (1 + 1e-9)
+
+
+@pytest.mark.parametrize(("sign", "low_rsun", "high_rsun"), [(1.0, -141.4, 100.0), (-1.0, -100.0, 141.4)])
+def test_limits_reach_as_far_as_bent_axes_have_to(sign: float, low_rsun: float, high_rsun: float) -> None:
+    # h = |s| or -|s|
+    curve = sign * np.array([[0.0, 0.0, 1.0], [-1.0, 1.0, 1.0], [0.0, 0.0, 0.0], [0.0, 0.0, 0.0]])[..., None]
+    axes = Axes(np.array([[1.0], [0.0]]), curve, np.zeros(1), np.ones(1))
+    low, high = axes.limits(100.0, 2)
+
+    np.testing.assert_allclose([low[0, 0], high[0, 0]], [low_rsun, high_rsun], atol=1.0)
+    np.testing.assert_allclose([low[1, 0], high[1, 0]], [-100.0, 100.0])
+
+
 @pytest.mark.parametrize("sigma_s", [POOR_S, (120.0, 5.0, 5.0), (4.0, 4.0, 4.0)], ids=["middle", "first", "none"])
 @pytest.mark.parametrize("finer", [1, 3, 8])
-def test_no_cell_is_dropped_that_holds_something(finer, sigma_s) -> None:
+@pytest.mark.parametrize("is_steep", [False, True], ids=["own axes", "steep axes"])
+def test_no_cell_is_dropped_that_holds_something(finer, sigma_s, is_steep) -> None:
     rng = np.random.default_rng(3)
     for range_rsun in (15.0, 60.0, 150.0):
         grid = replace(grid_of(on_spiral(range_rsun), EVENT, sigma_s), rise_s=np.full((1, 3), 60.0))
         problems = problems_of(grid, BROAD, 2, delay=LITERATURE_DELAY)
         lowest = divide(problems).log_density.max() - DROP_NATS
-        first = _first_lattice(problems)
+        axes = parabola(axes_of(problems).turn) if is_steep else axes_of(problems)
+        low, high = axes.limits(735.0, 2)
         corner = np.indices((12 * finer, 12 * finer)).reshape(2, -1)
-        side = first.side / np.array([[finer], [finer]])
-        lattice = Lattice(corner, np.zeros(corner.shape[1], dtype=np.intp), side, first.origin, first.axes)
+        lattice = Lattice(corner, np.zeros(corner.shape[1], dtype=np.intp), (high - low) / 12 / finer, low, axes)
         _, bound, _, _ = _level(lattice, problems)
         inside = rng.uniform(0, 1, (2, 40, corner.shape[1]))
         where = np.concatenate([inside, np.round(inside)], axis=1)  # corners too

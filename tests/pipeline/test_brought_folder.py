@@ -13,7 +13,7 @@ from typer.testing import CliRunner
 
 from bella.arrivals import POSITION
 from bella.bursts.detection import search
-from bella.catalogue import BurstQuery, Catalogue
+from bella.catalogue import BurstQuery, Catalogue, DetectionQuery
 from bella.cli import app
 from bella.exceptions import InputError
 from bella.pipeline.day import placed
@@ -68,7 +68,7 @@ def test_spectra_of_a_folder_are_searched_timed_and_kept_as_those_of_a_user(fold
         assert day is not None
         assert (day.answer, day.observatories) == (DayAnswer.NOT_LOCALISABLE, ("MARSIS", "WIND"))
         assert catalogue.searched_day(DAY, (Origin.ARCHIVE,)) is None
-        found = catalogue.detections(start, stop, origins=(Origin.USER,))
+        found = catalogue.detections(DetectionQuery(start, stop, origins=frozenset({Origin.USER}))).detections
         assert {one.observatory for one in found if one.burst_id.startswith("USER-20210210-05")} == {"WIND", "MARSIS"}
         (burst,) = catalogue.bursts(BurstQuery(origins=frozenset({Origin.USER}))).bursts
         (solution, *_) = burst.solutions

@@ -18,7 +18,7 @@ from fastapi.testclient import TestClient
 
 from api.app import create_app
 from bella.bursts.timing import SHARED
-from bella.catalogue import BurstQuery, Catalogue
+from bella.catalogue import BurstQuery, Catalogue, DetectionQuery
 from bella.pipeline.outcome import DayOutcome, UnfinishedError, check_finished
 from bella.pipeline.run import Direct, Run, process_days
 from bella.pipeline.workers import Workers
@@ -130,7 +130,7 @@ def utc(moment: np.datetime64) -> datetime:
 
 def test_every_burst_is_in_the_catalogue_with_its_reason(refined: Refined) -> None:
     with closing(Catalogue.open(refined.settings.catalogue_url)) as catalogue:
-        found = catalogue.detections(START, STOP, origins=(Origin.SIMULATED,))
+        found = catalogue.detections(DetectionQuery(START, STOP, origins=frozenset({Origin.SIMULATED}))).detections
         day = catalogue.searched_day(DAY, (Origin.SIMULATED,))
     assert day is not None
     assert day.answer is DayAnswer.LOCALISED

@@ -1,10 +1,11 @@
 """Watch over the mirror: what came last is processed first, what failed again, what is done not at all."""
 
 import os
+import time
 from collections.abc import Sequence
 from concurrent.futures import Future
 from contextlib import closing
-from datetime import date, timedelta
+from datetime import UTC, date, datetime, timedelta
 from pathlib import Path
 
 import pytest
@@ -131,28 +132,52 @@ def test_a_day_that_failed_is_tried_again_after_a_while(tmp_path: Path, monkeypa
     assert len(executor.days) == 3
 
 
+class EnoughError(Exception):
+    """The test has seen what it waits for."""
+
+
 def test_a_database_that_is_away_is_asked_again_until_the_time_is_over(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(room, "LOOK_S", 0.01)
     away = settings_of(tmp_path / "away").model_copy(update={"database_url": "postgresql+psycopg://x@127.0.0.1:9/x"})
     said: list[str] = []
-    monkeypatch.setattr(room.log, "warning", lambda event, **_: said.append(event))
+
+    def warned(event: str, **_: object) -> None:
+        said.append(event)
+        if len(said) == 3:
+            raise EnoughError
+
+    monkeypatch.setattr(room.log, "warning", warned)
+    with pytest.raises(EnoughError):
+        watch_days(run_of(away), Noted(), datetime.now(UTC) + DAY, DAY)
+    said.clear()
     with pytest.raises(BellaError, match="cannot be reached"):
-        watch_days(run_of(away), Noted(), 0.5)
-    assert said
+        watch_days(run_of(away), Noted(), datetime.now(UTC), 1000 * DAY)
+    assert len(said) == 1
+    said.clear()
     foreign = tmp_path / "foreign.sqlite"
     foreign.write_bytes(os.urandom(5000))
     wrong = settings_of(tmp_path / "wrong").model_copy(update={"database_url": f"sqlite:///{foreign}"})
-    said.clear()
     with pytest.raises(BellaError):
-        watch_days(run_of(wrong), Noted(), 60.0)
+        watch_days(run_of(wrong), Noted(), datetime.now(UTC) + DAY, DAY)
     assert not said
 
 
 def test_what_is_there_is_looked_at_even_where_no_time_is_left(tmp_path: Path) -> None:
-    found = watch_days(run_of(settings_of(tmp_path, recent_days=1)), Noted(), 0.0)
+    found = watch_days(run_of(settings_of(tmp_path, recent_days=1)), Noted(), datetime.now(UTC), DAY)
     assert [one.answer for one in found] == [DayAnswer.ARCHIVE_SILENT] * 2
+
+
+def test_a_watch_that_is_at_work_at_its_end_goes_on_in_place_of_the_next(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(room, "LOOK_S", 0.01)
+    monkeypatch.setattr(room, "LATEST", timedelta(seconds=0.2))
+    end, every = datetime.now(UTC) + timedelta(seconds=0.1), timedelta(seconds=1)
+    monkeypatch.setattr(Watch, "step", lambda *_: time.sleep(0.4))
+    watch_days(run_of(settings_of(tmp_path)), Noted(), end, every)
+    assert datetime.now(UTC) >= end + every
 
 
 def test_folders_of_winds_and_regions_are_looked_at_too(tmp_path: Path) -> None:
@@ -164,3 +189,10 @@ def test_folders_of_winds_and_regions_are_looked_at_too(tmp_path: Path) -> None:
     (below / "omni2_2021.dat").touch()
     os.utime(below, ns=(1, 1))
     assert folder_times([TODAY], settings) != before
+
+
+def test_a_file_of_the_day_before_is_seen_where_it_is_in_another_folder(tmp_path: Path) -> None:
+    settings, year = settings_of(tmp_path), date(2022, 1, 1)
+    arrive(settings, year - DAY)
+    arrive(settings, year + 366 * DAY)
+    assert set(folder_times([year], settings)) == {settings.mirror_root / WIND.folders(year - DAY)[0]}

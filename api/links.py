@@ -1,0 +1,65 @@
+"""Addresses within the service, as its readers know them: behind a proxy they begin with a prefix."""
+
+import re
+from contextvars import ContextVar
+
+from starlette.types import ASGIApp, Receive, Scope, Send
+
+FORWARDED = b"x-forwarded-prefix"
+"""Header in which a proxy on this machine says what it puts before every path."""
+
+_PREFIX_PATTERN = re.compile(r"(/[A-Za-z0-9._~-]+)+")
+_LOCAL = ("127.0.0.1", "::1")
+_PREFIX: ContextVar[str] = ContextVar("prefix", default="")
+
+
+def linked(path: str) -> str:
+    """Path of an address of this service, for a link in the reply to the present request."""
+    return _PREFIX.get() + path
+
+
+def linked_text(page: str) -> str:
+    """A page whose links to this service lead there behind a proxy, too."""
+    prefix = _PREFIX.get()
+    return re.sub(rf'="(?=/(?!/|{re.escape(prefix[1:])}/))', f'="{prefix}', page) if prefix else page
+
+
+def own_path(scope: Scope) -> str:
+    """Path of a request without the prefix of a proxy."""
+    path: str = scope.get("path", "")
+    return path.removeprefix(scope.get("root_path", ""))
+
+
+class Prefixed:
+    """Serves below a prefix, whether or not the proxy takes it off what it passes on.
+
+    Parameters
+    ----------
+    app : ASGIApp
+    prefix : str
+        Such as ``/bella``; empty to take that of the header X-Forwarded-Prefix, from this machine alone.
+    """
+
+    def __init__(self, app: ASGIApp, prefix: str) -> None:
+        self.app, self.prefix = app, prefix.rstrip("/")
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        """Pass the request on with its prefix as the root of the application."""
+        prefix = self.prefix or _forwarded(scope) if scope["type"] == "http" else ""
+        if not prefix:
+            await self.app(scope, receive, send)
+            return
+        path: str = scope["path"]
+        whole = path if path.startswith(f"{prefix}/") else prefix + path
+        token = _PREFIX.set(prefix)
+        try:
+            await self.app({**scope, "root_path": prefix, "path": whole}, receive, send)
+        finally:
+            _PREFIX.reset(token)
+
+
+def _forwarded(scope: Scope) -> str:
+    if (scope.get("client") or ("",))[0] not in _LOCAL:
+        return ""
+    given = next((value.decode("latin-1") for name, value in scope["headers"] if name == FORWARDED), "").rstrip("/")
+    return given if _PREFIX_PATTERN.fullmatch(given) else ""
