@@ -99,6 +99,10 @@ class CdfFile:
         """The first of some variables that has a value which is no fill value; empty where none has."""
         return next((name for name in variables if self.has_records(name) and self._has_values(name)), "")
 
+    def first_with_records(self, *variables: str) -> str:
+        """The first of some variables with data; where none has, the first with records, all of which are fill."""
+        return self.first_with_data(*variables) or next(filter(self.has_records, variables), "")
+
     def _has_values(self, variable: str) -> bool:
         if self.is_epoch(variable):
             return bool((~np.isnat(self.utc(variable))).any())
