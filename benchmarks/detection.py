@@ -22,8 +22,8 @@ from bella.simulation.instruments import Instrument, instruments
 from bella.simulation.receiver import filled_in_frequency
 from bella.simulation.sky import Sky
 from bella.spectra import combine_receivers, over_background
+from bella.spectra.minutes import with_visits
 from bella.spectra.stereo import by_minute
-from bella.spectra.wind_minutes import with_visits
 from benchmarks.localisation import Row, seconds
 
 FIRST_DAY = date(2021, 2, 1)

@@ -6,7 +6,7 @@ from typing import Annotated
 from fastapi import APIRouter, Query
 
 from bella.spacecraft import observatory_name
-from bella.spectra.quirks import Quirk, quirks
+from bella.spectra import Quirk, quirks
 
 router = APIRouter(prefix="/api/v1", tags=["service"])
 

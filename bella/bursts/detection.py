@@ -65,6 +65,7 @@ BAND_EDGE = float(np.sqrt(FREQUENCY_MHZ[1] / FREQUENCY_MHZ[0]))
 
 NO_SUPPORT, NO_DRIFT, TOO_LONG = "few_channels_above_0.8_mhz", "no_drift", "lasts_too_long"
 GROUP, GAP = "group", "gap_in_flank"
+NO_DATA = "it holds no data, every value is missing"
 
 
 class Candidate(NamedTuple):
@@ -125,7 +126,8 @@ def search(spectrum: xr.Dataset) -> Searched:
     over = over_quiet(spectrum)
     grid = search_grid(over)
     match = drift_match(channel_match(grid.excess_db, grid.noise_db, grid.revisit), grid.revisit)
-    reason = why_not_searchable(grid)
+    has_data = bool(np.isfinite(spectrum["intensity"].to_numpy()).any())
+    reason = why_not_searchable(grid) if has_data else NO_DATA
     found = () if reason else tuple(_lasting_judged(grid, one) for one in candidates(match))
     return Searched(over, grid, match, found, reason)
 

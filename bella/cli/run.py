@@ -298,7 +298,7 @@ def _print_places(settings: "Settings", burst_id: str, home: Path | None, *, new
     changed = f"{sum(new)} new solutions" if any(new) else "nothing new: same inputs, same versions"
     say(f"Catalogue  {settings.catalogue_url.rsplit('@', 1)[-1].removeprefix('sqlite:///')} ({changed})")
     say(f"Posteriors {settings.store_root.resolve() / burst_id}")
-    for path in sorted((settings.figures_root.resolve() / burst_id).glob("*.png")):
+    for path in sorted((settings.figures_root.resolve() / burst_id).glob("*.[ps][nv]g")):
         say(f"Figure     {path}")
     serving = "bella serve" if home is None else f"bella serve --home {shlex.quote(str(home))}"
     say(f"Page       {serving}, then http://127.0.0.1:8000/bursts/{burst_id}")

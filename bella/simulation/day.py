@@ -22,7 +22,7 @@ from bella.simulation.receiver import (
 )
 from bella.simulation.sky import Conditions, Sky
 from bella.spectra.assembly import Origin, assemble
-from bella.spectra.wind_minutes import APART_STEP_S
+from bella.spectra.minutes import APART_STEP_S
 from bella.units import DAY_S, FloatArray
 
 BURST_LASTS_S = 4 * 3600.0

@@ -10,8 +10,8 @@ from bella.exceptions import InputError
 from bella.simulation.archive_files import H1_KHZ, K0_HZ, LEVEL2_KHZ
 from bella.simulation.receiver import Receiver
 from bella.spacecraft import position_hee
+from bella.spectra.minutes import DWELL_S, LIST_KHZ, LIST_S
 from bella.spectra.stereo import SWEEP_S
-from bella.spectra.wind_minutes import DWELL_S, LIST_KHZ, LIST_S
 from bella.units import AU_RSUN, FloatArray
 
 ENCOUNTER_RSUN = 0.25 * AU_RSUN

@@ -30,7 +30,7 @@ from bella.simulation.light_curves import draw_pulse_law
 from bella.simulation.sky import DEPARTURES, Conditions, Departure, Gain, draw_burst
 from bella.spacecraft import fleet as spacecraft_of
 from bella.spectra.combination import combine_receivers
-from bella.spectra.wind_minutes import DWELL_S
+from bella.spectra.minutes import DWELL_S
 from bella.units import DAY_S, FloatArray
 
 CHOOSING_SEEDS = 10_000

@@ -19,12 +19,12 @@ import numpy as np
 import numpy.typing as npt
 import pandas as pd
 
+from bella.containers import open_cdf
 from bella.exceptions import InputError, NoDataError
 from bella.solar_wind.assimilation import HALF_ROTATION
 from bella.spacecraft import coverage
 from bella.spectra.assembly import dates_in
 from bella.spectra.beside import epoch_of
-from bella.spectra.cdf import open_cdf
 
 BEGINNINGS = {
     "omni": "WIND",

@@ -1,7 +1,7 @@
 """Dynamic spectra: their form, reading them from files, their background, quirks of instruments, the built-in event."""
 
 from bella.spectra.background import Background, decibels, over_background, quiet_level
-from bella.spectra.cf_files import as_spectrum, event_spectra, from_radiospectra, to_radiospectra
+from bella.spectra.cf_files import as_spectrum, event_spectra
 from bella.spectra.combination import (
     FleetPiece,
     by_observatory,
@@ -20,9 +20,8 @@ from bella.spectra.dynamic_spectrum import (
     validate_spectrum,
 )
 from bella.spectra.positions import ReceiverPosition, fill_in_positions, receiver_position
-from bella.spectra.products import PRODUCTS, Product, find_product, open_spectra
-from bella.spectra.quirks import Quirk, quirks
-from bella.spectra.user import UserDay, UserFolder, user_days
+from bella.spectra.products import PRODUCTS, Product, Quirk, find_product, open_spectra, quirks
+from bella.spectra.user import UserDay, UserFolder, from_radiospectra, to_radiospectra, user_days
 
 __all__ = [
     "PRODUCTS",

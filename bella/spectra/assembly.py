@@ -16,21 +16,13 @@ import numpy.typing as npt
 import xarray as xr
 
 from bella.exceptions import InputError
-from bella.spectra.dynamic_spectrum import validate_spectrum
+from bella.spectra.dynamic_spectrum import label, validate_spectrum
 
 SAME_CHANNEL = 0.1
 """Frequencies of two records within this share of the step between channels are one channel."""
 
 STRAY_STEPS = 10.0
 """A record so many steps outside its two neighbours in the file, which follow one another, has a wrong time."""
-
-LONG_NAMES = {
-    "db_over_background": ("intensity over background", "dB"),
-    "voltage_ratio": ("voltage over background", "1"),
-    "psd_v2_hz": ("spectral density of voltage", "V2 Hz-1"),
-    "flux_w_m2_hz": ("flux density", "W m-2 Hz-1"),
-    "relative_flux": ("relative flux", "1"),
-}
 
 SAME_FREQUENCY = 3e-4
 """Samples whose frequencies differ by less, in ln f, are of one channel: a tenth of the narrowest step of any receiver,
@@ -116,14 +108,6 @@ def assemble(
     spectrum = xr.Dataset(ordered, coords=coords, attrs=_attributes(origin, coords["time"]))
     spectrum["intensity"] = spectrum["intensity"].astype(np.float32, copy=False)
     return label(validate_spectrum(spectrum, origin.source))
-
-
-def label(spectrum: xr.Dataset) -> xr.Dataset:
-    """Name and unit of intensity and frequency, as CF has them."""
-    long_name, units = LONG_NAMES[spectrum.attrs["quantity"]]
-    spectrum["intensity"].attrs.update(long_name=long_name, units=units)
-    spectrum["frequency"].attrs.update(long_name="frequency", units="MHz")
-    return spectrum
 
 
 def dates_in(name: str) -> list[np.datetime64]:
@@ -456,29 +440,6 @@ def dwell_s(time: npt.NDArray[np.datetime64]) -> float:
     """
     steps = np.diff(np.unique(time[~np.isnat(time)]))
     return float(np.median(steps) / np.timedelta64(1, "s")) if steps.size else np.inf
-
-
-def mean_time_sd_s(revisit_s: float, span_s: float = 60.0) -> float:
-    """How far from the middle of an interval the mean time of the samples is that fall in it.
-
-    A minute that averages one or two sweeps of 38 s holds them anywhere; its middle is not when it was measured.
-
-    Parameters
-    ----------
-    revisit_s : float
-        Time from one sample of a channel to the next, s.
-    span_s : float
-        Length of the interval, s.
-
-    Returns
-    -------
-    float
-        Standard deviation over all ways in which samples and intervals may lie, of intervals with a sample, s.
-    """
-    whole = np.floor(span_s / revisit_s)
-    # the mean of one sample more is uniform over the first width, of as many as fit over the second
-    widths = np.array([span_s - whole * revisit_s, (whole + 1) * revisit_s - span_s if whole else 0.0])
-    return float(np.sqrt((widths**3).sum() / 12.0 / widths.sum()))
 
 
 def _passes(

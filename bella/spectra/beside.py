@@ -1,4 +1,4 @@
-"""What stands beside the intensity in a CDF: sample times, interpolation flags, flux at 1 au, directions, positions.
+"""What stands beside the intensity in a CDF: sample times, interpolation flags, flux at 1 au, directions.
 
 All of it is looked for by name in every product, in whatever shape it comes. None of it refuses a spectrum: what does
 not fit is left out, and the attribute ``left_out`` names it.
@@ -13,12 +13,9 @@ import numpy as np
 import numpy.typing as npt
 import xarray as xr
 
+from bella.containers import CdfFile, TimeArray
 from bella.exceptions import InputError
 from bella.spectra.assembly import Origin, assemble, cadence_s, dwell_s, shared_channels
-from bella.spectra.cdf import CdfFile, TimeArray
-from bella.spectra.dynamic_spectrum import POSITION
-from bella.spectra.positions import with_positions
-from bella.units import AU_KM, R_SUN_KM
 
 TIMES = re.compile(r"TIMING|ELAPSED|SAMPLE_?TIME|TIME_?(OFFSET|SHIFT|DELAY|SINCE)|OFFSET_?(TIME|S$|SEC|EPOCH)")
 TIMES_DESCRIBED = re.compile(
@@ -27,7 +24,6 @@ TIMES_DESCRIBED = re.compile(
 FLAGS = re.compile(r"INTERP(?!RET)")
 FLAGS_DESCRIBED, FLAG_LIKE = re.compile(r"interpolat"), re.compile(r"FLAG|QUALITY|STATUS|MASK|MEASURED|VALID")
 FLUX_AT_1_AU = re.compile(r"(^|_)(PSD_SFU|SFU_?1_?AU|FLUX_?(AT_)?1_?AU)$")
-POSITIONS = re.compile(r"(?:^|_)(?:SC_?|SPACECRAFT_?)?POS(?:ITION)?_(HEEQ|HEE|HCI|GSE)$")
 """Names in the files, upper case, and what descriptions say of variables whose names do not tell."""
 
 INTERPOLATED = re.compile(
@@ -54,12 +50,6 @@ SECONDS = {
 }
 LONGEST_SWEEP_S = 3600.0
 SFU = {"sfu": 1.0, "solar flux unit": 1.0, "solar flux units": 1.0, "": 1.0, "w/m^2/hz": 1e22, "w m-2 hz-1": 1e22}
-KILOMETRES = {
-    **dict.fromkeys(("", "km", "kilometer", "kilometers", "kilometre", "kilometres"), 1.0),
-    **dict.fromkeys(("m", "meter", "meters", "metre", "metres"), 1e-3),
-    **dict.fromkeys(("au", "astronomical unit", "astronomical units"), AU_KM),
-    **dict.fromkeys(("rsun", "r_sun", "rs", "solar radii", "solrad"), R_SUN_KM),
-}
 
 
 def epoch_of(cdf: CdfFile, variable: str = "") -> str:
@@ -110,7 +100,7 @@ def read_records(  # noqa: PLR0913, PLR0917 - one argument per variable of the f
     Returns
     -------
     xarray.Dataset
-        With ``sample_time``, ``interpolated``, ``flux_sfu_1au``, ``position_km`` and what `extra` names, where the file
+        With ``sample_time``, ``interpolated``, ``flux_sfu_1au`` and what `extra` names, where the file
         has them. Interpolated samples are NaN; a channel of which all are is marked ``interpolated`` instead.
 
     Raises
@@ -357,56 +347,6 @@ def timed(start: TimeArray, offset_s: npt.NDArray[Any]) -> tuple[TimeArray, Time
     offset_ns *= 1e9
     offset = np.rint(offset_ns, out=offset_ns).astype("timedelta64[ns]")
     return start + np.timedelta64(round(middle_s * 1e9), "ns"), start[:, None] + offset
-
-
-def with_stated_positions(cdf: CdfFile, spectrum: xr.Dataset) -> xr.Dataset:
-    """A spectrum with where the spacecraft was, if the file says so: at times of its own, at each record, or once.
-
-    Parameters
-    ----------
-    cdf : CdfFile
-        The open file, of one spacecraft.
-    spectrum : xarray.Dataset
-        What was read from it.
-
-    Returns
-    -------
-    xarray.Dataset
-        With ``position_km`` in the first of HEE, HEEQ, HCI and GSE that the file has; what does not fit is named in
-        ``left_out``.
-    """
-    frames = ("HEE", "HEEQ", "HCI", "GSE")
-    named = {name: found[1] for name in cdf.variables if (found := POSITIONS.search(name.strip().upper()))}
-    left_out = [one for one in str(spectrum.attrs.get("left_out", "")).split(";") if one]
-    for name in sorted(named, key=lambda one: (frames.index(named[one]), one)):
-        if not cdf.has_records(name):
-            continue
-        try:
-            placed = _placed(cdf, spectrum, name, named[name].lower())
-        except InputError:
-            placed = None
-        if placed is not None:
-            return placed
-        left_out.append(name)
-    return spectrum.assign_attrs(left_out=";".join(left_out)) if left_out else spectrum
-
-
-def _placed(cdf: CdfFile, spectrum: xr.Dataset, name: str, frame: str) -> xr.Dataset | None:
-    factor = KILOMETRES.get(cdf.attribute("UNITS", name).lower().strip("[]() "))
-    if factor is None:
-        return None
-    stated_km = np.atleast_2d(cdf.numbers(name).astype(np.float64)) * factor
-    if stated_km.ndim != 2 or stated_km.shape[1] != 3 or not np.isfinite(stated_km).all(axis=1).any():
-        return None
-    if not cdf.varies(name):
-        time = spectrum["time"].to_numpy()
-        stated_km = np.repeat(stated_km[:1], time.size, axis=0)
-    else:
-        time = cdf.utc(epoch_of(cdf, name))
-        if len(stated_km) != time.size:
-            return None
-    placed = with_positions(spectrum, time, stated_km, frame)
-    return placed if POSITION in placed else None
 
 
 def longest_dwell_s(time: TimeArray, channels: int) -> float:

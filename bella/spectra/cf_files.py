@@ -1,4 +1,4 @@
-"""Dynamic spectra of any instrument: netCDF and Zarr, spectrograms of radiospectra, and those of the built-in event.
+"""Dynamic spectra of any instrument: netCDF and Zarr, and those of the built-in event.
 
 Files are opened only once it is known that they can be read and how large they are.
 """
@@ -10,24 +10,20 @@ from contextlib import contextmanager
 from datetime import UTC, datetime
 from importlib import resources
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 import xarray as xr
 
+from bella.containers import INFLATED_BYTES, LARGEST_NUMBER, LEAST_CPU_S, MHZ, READER, reading
 from bella.exceptions import InputError, require_extra
 from bella.records import Origin
 from bella.spacecraft import observatory_name
-from bella.spectra.assembly import Origin as Measured
-from bella.spectra.assembly import ascending, assemble, cadence_s, dates_in
-from bella.spectra.beside import FLAGS, KILOMETRES, LONGEST_SWEEP_S
-from bella.spectra.bounded import INFLATED_BYTES, LEAST_CPU_S, READER, reading
-from bella.spectra.cdf import LARGEST_NUMBER, MHZ
+from bella.spectra.assembly import ascending, cadence_s, dates_in
+from bella.spectra.beside import FLAGS, LONGEST_SWEEP_S
 from bella.spectra.dynamic_spectrum import ATTRIBUTES, OPTIONAL_DIMENSIONS, POSITION, validate_spectrum
-
-if TYPE_CHECKING:
-    from radiospectra.spectrogram import GenericSpectrogram
+from bella.spectra.positions import KILOMETRES
 
 ZARR_MARKS = ("zarr.json", ".zgroup", ".zmetadata")
 ZARR_METADATA = (*ZARR_MARKS, ".zarray", ".zattrs")
@@ -399,86 +395,6 @@ def _with_flags(spectrum: xr.Dataset) -> xr.Dataset:
     whole = flagged.broadcast_like(spectrum["intensity"]).transpose(*FORM)
     never = whole.all("time")
     return spectrum.assign(intensity=spectrum["intensity"].where(~whole | never), interpolated=never)
-
-
-def from_radiospectra(
-    spectrogram: "GenericSpectrogram", quantity: str, receiver: str = "", observatory: str = ""
-) -> xr.Dataset:
-    """A dynamic spectrum from a spectrogram of radiospectra, which also reads e-CALLISTO and other files.
-
-    Parameters
-    ----------
-    spectrogram : radiospectra.spectrogram.GenericSpectrogram
-        With its times and frequencies; its data may have either axis first.
-    quantity : str
-        What its values are, one of ``QUANTITIES``: radiospectra does not state it.
-    receiver, observatory : str, optional
-        In place of its own ``detector`` and ``observatory``.
-
-    Returns
-    -------
-    xarray.Dataset
-        Of origin ``user``.
-
-    Raises
-    ------
-    InputError
-        If data, times and frequencies do not fit together.
-    """
-    meta, values = spectrogram.meta, np.asarray(spectrogram.data, dtype=np.float32)
-    name = str(observatory or meta["observatory"])
-    times = np.asarray(spectrogram.times.utc.to_value("datetime64")).astype("datetime64[ns]")
-    frequency_mhz = np.asarray(spectrogram.frequencies.to_value("MHz"), dtype=np.float64)
-    if values.shape == (frequency_mhz.size, times.size):
-        values = values.T
-    measured = Measured(
-        observatory_name(name), str(receiver or meta.get("detector") or meta.get("instrument", "")), quantity, name
-    )
-    sources = [str(meta["filename"])] if meta.get("filename") else []
-    return assemble(measured, times, frequency_mhz, values).assign_attrs(
-        origin=Origin.USER.value, source_files=sources or [f"spectrogram of {name}"]
-    )
-
-
-def to_radiospectra(spectrum: xr.Dataset) -> "GenericSpectrogram":
-    """A spectrogram of radiospectra from a dynamic spectrum; needs the extra ``radiospectra``.
-
-    Parameters
-    ----------
-    spectrum : xarray.Dataset
-        A dynamic spectrum.
-
-    Returns
-    -------
-    radiospectra.spectrogram.GenericSpectrogram
-        Data of shape (frequency, time). Sample times and what else stands beside the intensity have no place in it.
-
-    Raises
-    ------
-    MissingExtraError
-        If radiospectra is not installed.
-    """
-    require_extra("radiospectra")
-    import astropy.units as u  # noqa: PLC0415 - heavy, and few need it
-    from astropy.time import Time  # noqa: PLC0415
-    from radiospectra.spectrogram import GenericSpectrogram  # noqa: PLC0415
-    from sunpy.net import attrs as a  # noqa: PLC0415
-
-    times = Time(spectrum["time"].to_numpy(), scale="utc")
-    frequency = spectrum["frequency"].to_numpy() * u.MHz
-    meta: dict[str, Any] = {
-        "observatory": spectrum.attrs["observatory"],
-        "instrument": spectrum.attrs["observatory"],
-        "detector": spectrum.attrs["receiver"],
-        "start_time": times[0],
-        "end_time": times[-1],
-        "wavelength": a.Wavelength(frequency[0], frequency[-1]),
-        "times": times,
-        "freqs": frequency,
-        "filename": ", ".join(str(name) for name in np.atleast_1d(spectrum.attrs["source_files"])),
-        "quantity": spectrum.attrs["quantity"],
-    }
-    return GenericSpectrogram(spectrum["intensity"].transpose("frequency", "time").to_numpy(), meta=meta)
 
 
 def event_spectra() -> xr.DataTree:

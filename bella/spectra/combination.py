@@ -12,8 +12,8 @@ import xarray as xr
 
 from bella.exceptions import BellaError, InputError
 from bella.records import Origin
-from bella.spectra.assembly import cadence_s, label, nearest_records
-from bella.spectra.dynamic_spectrum import POSITION, integration_times_s, sample_times, validate_spectrum
+from bella.spectra.assembly import cadence_s, nearest_records
+from bella.spectra.dynamic_spectrum import POSITION, integration_times_s, label, sample_times, validate_spectrum
 from bella.spectra.positions import join_positions
 
 INTEGRATION = "channel_integration_s"

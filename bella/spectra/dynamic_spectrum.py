@@ -16,7 +16,7 @@ A dynamic spectrum is an :class:`xarray.Dataset` with dimensions ``time`` and ``
 - attributes ``observatory``, ``receiver``, ``quantity`` (one of ``QUANTITIES``), ``integration_s``, ``source_files``;
 - attribute ``origin``, one of :class:`bella.records.Origin`, which the reader fills in: ``archive``, ``simulated``
   where the file says so, ``user`` for netCDF and Zarr without it;
-- optional attributes ``quirks``, names of the known quirks of the instrument that apply (:mod:`bella.spectra.quirks`),
+- optional attributes ``quirks``, names of the known quirks of the instrument that apply (:func:`bella.spectra.quirks`),
   and ``left_out``, variables of the file that did not fit, with semicolons between the names;
 - optional attribute ``power_exponent`` with ``relative_flux``: 2 where intensity is an amplitude, as of Wind, else 1.
 
@@ -48,6 +48,14 @@ OPTIONAL_DIMENSIONS = {
     "visits_apart_s": ("time", "frequency"),
     "flux_sfu_1au": ("time", "frequency"),
     POSITION: ("time", "axis"),
+}
+
+LONG_NAMES = {
+    "db_over_background": ("intensity over background", "dB"),
+    "voltage_ratio": ("voltage over background", "1"),
+    "psd_v2_hz": ("spectral density of voltage", "V2 Hz-1"),
+    "flux_w_m2_hz": ("flux density", "W m-2 Hz-1"),
+    "relative_flux": ("relative flux", "1"),
 }
 
 
@@ -141,6 +149,14 @@ def _wrong_position(spectrum: xr.Dataset) -> str:
     if stated.attrs.get("units", "km") != "km":
         return f"variable {POSITION!r} is in {stated.attrs['units']}: convert it to km"
     return ""
+
+
+def label(spectrum: xr.Dataset) -> xr.Dataset:
+    """Name and unit of intensity and frequency, as CF has them."""
+    long_name, units = LONG_NAMES[spectrum.attrs["quantity"]]
+    spectrum["intensity"].attrs.update(long_name=long_name, units=units)
+    spectrum["frequency"].attrs.update(long_name="frequency", units="MHz")
+    return spectrum
 
 
 def relative_power(spectrum: xr.Dataset) -> xr.DataArray:

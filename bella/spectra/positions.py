@@ -4,6 +4,7 @@ Files state positions at their own instants and in frames of their own; they are
 records of the spectrum, and turned to HEE only when asked for.
 """
 
+import re
 from collections.abc import Mapping, Sequence
 from typing import Literal, NamedTuple
 
@@ -13,12 +14,13 @@ import pandas as pd
 import xarray as xr
 from scipy.interpolate import make_interp_spline
 
-from bella.exceptions import NoDataError
+from bella.containers import CdfFile, TimeArray
+from bella.exceptions import InputError, NoDataError
 from bella.spacecraft import BODIES, OBSERVATORIES, coverage, hee_from, position
 from bella.spacecraft.ephemeris import WIND_SYSTEMATIC_RSUN
-from bella.spectra.cdf import TimeArray
+from bella.spectra.beside import epoch_of
 from bella.spectra.dynamic_spectrum import GEOCENTRIC, POSITION
-from bella.units import R_SUN_KM, FloatArray
+from bella.units import AU_KM, R_SUN_KM, FloatArray
 
 REACH_S = 1800.0
 """How far from a stated position one is taken from it; between positions an hour apart a line is good to 150 km at
@@ -33,6 +35,16 @@ WIND_TOLERANCE_KM = 3.0 * WIND_SYSTEMATIC_RSUN * R_SUN_KM
 """Of Wind, whose orbit about L1 the ephemeris does not have."""
 
 DISAGREEMENT_FLAG = "position_disagrees"
+
+POSITIONS = re.compile(r"(?:^|_)(?:SC_?|SPACECRAFT_?)?POS(?:ITION)?_(HEEQ|HEE|HCI|GSE)$")
+"""Names in the files, upper case."""
+
+KILOMETRES = {
+    **dict.fromkeys(("", "km", "kilometer", "kilometers", "kilometre", "kilometres"), 1.0),
+    **dict.fromkeys(("m", "meter", "meters", "metre", "metres"), 1e-3),
+    **dict.fromkeys(("au", "astronomical unit", "astronomical units"), AU_KM),
+    **dict.fromkeys(("rsun", "r_sun", "rs", "solar radii", "solrad"), R_SUN_KM),
+}
 
 
 class ReceiverPosition(NamedTuple):
@@ -72,6 +84,56 @@ def with_positions(spectrum: xr.Dataset, time: TimeArray, position_km: FloatArra
         return spectrum
     attributes = {"frame": frame, "units": "km", "long_name": "position of the spacecraft"}
     return spectrum.assign({POSITION: (("time", "axis"), placed_km, attributes)})
+
+
+def with_stated_positions(cdf: CdfFile, spectrum: xr.Dataset) -> xr.Dataset:
+    """A spectrum with where the spacecraft was, if the file says so: at times of its own, at each record, or once.
+
+    Parameters
+    ----------
+    cdf : CdfFile
+        The open file, of one spacecraft.
+    spectrum : xarray.Dataset
+        What was read from it.
+
+    Returns
+    -------
+    xarray.Dataset
+        With ``position_km`` in the first of HEE, HEEQ, HCI and GSE that the file has; what does not fit is named in
+        ``left_out``.
+    """
+    frames = ("HEE", "HEEQ", "HCI", "GSE")
+    named = {name: found[1] for name in cdf.variables if (found := POSITIONS.search(name.strip().upper()))}
+    left_out = [one for one in str(spectrum.attrs.get("left_out", "")).split(";") if one]
+    for name in sorted(named, key=lambda one: (frames.index(named[one]), one)):
+        if not cdf.has_records(name):
+            continue
+        try:
+            placed = _placed(cdf, spectrum, name, named[name].lower())
+        except InputError:
+            placed = None
+        if placed is not None:
+            return placed
+        left_out.append(name)
+    return spectrum.assign_attrs(left_out=";".join(left_out)) if left_out else spectrum
+
+
+def _placed(cdf: CdfFile, spectrum: xr.Dataset, name: str, frame: str) -> xr.Dataset | None:
+    factor = KILOMETRES.get(cdf.attribute("UNITS", name).lower().strip("[]() "))
+    if factor is None:
+        return None
+    stated_km = np.atleast_2d(cdf.numbers(name).astype(np.float64)) * factor
+    if stated_km.ndim != 2 or stated_km.shape[1] != 3 or not np.isfinite(stated_km).all(axis=1).any():
+        return None
+    if not cdf.varies(name):
+        time = spectrum["time"].to_numpy()
+        stated_km = np.repeat(stated_km[:1], time.size, axis=0)
+    else:
+        time = cdf.utc(epoch_of(cdf, name))
+        if len(stated_km) != time.size:
+            return None
+    placed = with_positions(spectrum, time, stated_km, frame)
+    return placed if POSITION in placed else None
 
 
 def join_positions(joined: xr.Dataset, parts: Sequence[xr.Dataset]) -> xr.Dataset:

@@ -1,25 +1,30 @@
-"""The archive products that can be read, and opening a file of spectra, whichever product it is of.
+"""The archive products that can be read, their known quirks, and opening a file of spectra, whichever it is of.
 
 A product is how its files are named, what they hold, and whether its reader was ever run on a file of the archive.
+A quirk has its dates, its effect on the data, what the readers do about it, and where it is known from; a spectrum
+carries the names of those that apply to it in the attribute ``quirks``, with semicolons between them.
 """
 
+import json
 import re
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cache
+from importlib import resources
 from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
 import xarray as xr
+from pydantic import Field
 
+from bella.containers import MAGIC, CdfFile, open_cdf
 from bella.exceptions import InputError
-from bella.records import Origin
+from bella.records import Origin, Record
 from bella.spectra import psp, solo, stereo, wind
 from bella.spectra.assembly import dates_in
-from bella.spectra.beside import with_stated_positions
-from bella.spectra.cdf import MAGIC, CdfFile, open_cdf
 from bella.spectra.cf_files import ZARR_MARKS, open_cf
-from bella.spectra.quirks import quirks_of
+from bella.spectra.positions import with_stated_positions
 
 Spectra = tuple[xr.Dataset, ...]
 
@@ -28,6 +33,7 @@ CONTAINERS = {"cdf": "a CDF", "idl": "an IDL save set", "binary": "a binary", "t
 ORIGIN_ATTRIBUTE = "Bella_origin"
 """Attribute of a CDF that was not measured: files that `bella simulate` writes say ``simulated`` in it."""
 
+QUIRKS = "quirks.json"
 NEAR_DAY = np.timedelta64(1, "D")
 """A file may reach so far into the days around that of its name: those of Wind L2 begin on the evening before."""
 
@@ -419,3 +425,43 @@ def _open_other(path: Path, head: bytes) -> Spectra:
         raise InputError(f"{path} is named after {product.name}, but is not {CONTAINERS[product.container]}")
     spectra: Spectra = found[0].read(path, receiver)
     return tuple(_held_against(one, (path.name,), path.name, Origin.ARCHIVE) for one in spectra)
+
+
+class Quirk(Record):
+    """A known quirk of an instrument or a product."""
+
+    name: str = Field(description="Name that spectra carry; several spacecraft may share one.")
+    observatory: str
+    receivers: tuple[str, ...] = Field(description="Receivers concerned; none means all.")
+    products: tuple[str, ...] = Field(description="Beginnings of file names, lower case; none means all.")
+    first: str = Field(description="First day, UTC.")
+    last: str | None = Field(description="Last day, UTC; null where it goes on.")
+    effect: str
+    handling: str = Field(description="What the readers do about it.")
+    source: str
+
+    def applies_to(self, spectrum: xr.Dataset) -> bool:
+        """Whether a dynamic spectrum has it: by spacecraft, receiver, names of its files, and days."""
+        if spectrum.attrs["observatory"] != self.observatory:
+            return False
+        held = set(str(spectrum.attrs["receiver"]).split("+"))
+        names = [str(name).lower() for name in np.atleast_1d(spectrum.attrs.get("source_files", ()))]
+        begin, end = spectrum["time"].to_numpy()[[0, -1]].astype("datetime64[D]")
+        return (
+            (not self.receivers or bool(held & set(self.receivers)))
+            and (not self.products or any(name.startswith(self.products) for name in names))
+            and end >= np.datetime64(self.first)
+            and (self.last is None or begin <= np.datetime64(self.last))
+        )
+
+
+@cache
+def quirks() -> tuple[Quirk, ...]:
+    """All known quirks, in the order of the ledger."""
+    stored = json.loads((resources.files("bella.spectra") / QUIRKS).read_text(encoding="utf-8"))
+    return tuple(Quirk.model_validate(one) for one in stored)
+
+
+def quirks_of(spectrum: xr.Dataset) -> list[str]:
+    """Names of the quirks that apply to a dynamic spectrum."""
+    return list(dict.fromkeys(one.name for one in quirks() if one.applies_to(spectrum)))

@@ -6,6 +6,7 @@ import numpy as np
 import numpy.typing as npt
 import xarray as xr
 
+from bella.containers import CdfFile, TimeArray
 from bella.exceptions import InputError
 from bella.spectra.assembly import (
     Origin,
@@ -17,7 +18,6 @@ from bella.spectra.assembly import (
     without_strays,
 )
 from bella.spectra.beside import Beside, epoch_of, read_records, timed
-from bella.spectra.cdf import CdfFile, TimeArray
 
 OBSERVATORY = "PSP"
 DIPOLES = ("ch0_V1V2", "ch1_V3V4")
@@ -91,8 +91,9 @@ def read_l3(cdf: CdfFile, receiver: str) -> tuple[xr.Dataset, ...]:
     InputError
         If the file is not of this product, or holds no flux.
     """
-    whole = cdf.first_with_data(f"psp_fld_l3_rfs_{receiver}_PSD_FLUX")
-    if not whole:
+    fluxes = [f"psp_fld_l3_rfs_{receiver}_auto_averages_{dipole}_flux" for dipole in DIPOLES]
+    whole = f"psp_fld_l3_rfs_{receiver}_PSD_FLUX"
+    if cdf.first_with_records(whole, *fluxes) != whole:
         return (_sum_of_dipoles(cdf, receiver, "psp_fld_l3", "_flux", "flux_w_m2_hz"),)
     suffix = f"{receiver}_auto_averages_{DIPOLES[0]}"
     frequency = cdf.first_with_data(cdf.attribute("DEPEND_1", whole), f"frequency_{suffix}")
@@ -107,13 +108,14 @@ def read_l3(cdf: CdfFile, receiver: str) -> tuple[xr.Dataset, ...]:
 
 
 def _sum_of_dipoles(cdf: CdfFile, receiver: str, prefix: str, ending: str, quantity: str) -> xr.Dataset:
+    suffixes = {dipole: f"{receiver}_auto_averages_{dipole}" for dipole in DIPOLES}
+    variables = {dipole: f"{prefix}_rfs_{suffix}{ending}" for dipole, suffix in suffixes.items()}
+    held = [dipole for dipole, variable in variables.items() if cdf.has_records(variable)]
+    with_data = [dipole for dipole in held if cdf.first_with_data(variables[dipole])]
     read = {}
-    for dipole in DIPOLES:
-        suffix = f"{receiver}_auto_averages_{dipole}"
-        variable = cdf.first_with_data(f"{prefix}_rfs_{suffix}{ending}")
-        if variable:
-            names = (f"epoch_{suffix}", f"frequency_{suffix}", variable)
-            read[dipole[4:]] = _part(cdf, *names, HIGHEST_MHZ[receiver])
+    for dipole in with_data or held:
+        names = (f"epoch_{suffixes[dipole]}", f"frequency_{suffixes[dipole]}", variables[dipole])
+        read[dipole[4:]] = _part(cdf, *names, HIGHEST_MHZ[receiver])
     if not read:
         raise InputError(f"{cdf.name}: neither dipole has auto_averages; the receiver was in another mode")
     parts = list(read.values())

@@ -10,10 +10,10 @@ import numpy as np
 import numpy.typing as npt
 import xarray as xr
 
+from bella.containers import CdfFile, TimeArray
 from bella.exceptions import InputError
 from bella.spectra.assembly import Origin, assemble, assemble_sweeps, dwell_s, record_centres, without_strays
 from bella.spectra.beside import Beside, epoch_of, read_records
-from bella.spectra.cdf import CdfFile, TimeArray
 
 OBSERVATORY = "SOLO"
 HIGHEST_MHZ = {"hfr": 16.4, "tnr": 1.0}

@@ -7,12 +7,12 @@ import numpy as np
 import numpy.typing as npt
 import xarray as xr
 
+from bella.containers import CdfFile, in_mhz, reading
 from bella.exceptions import InputError
-from bella.spectra.assembly import Origin, assemble, date_of, mean_time_sd_s, shared_channels
+from bella.spectra.assembly import Origin, assemble, date_of, shared_channels
 from bella.spectra.beside import Beside, epoch_of, longest_dwell_s, read_records, timed
-from bella.spectra.bounded import reading
-from bella.spectra.cdf import CdfFile, in_mhz
 from bella.spectra.combination import combine_receivers
+from bella.spectra.minutes import mean_time_sd_s
 
 SPACECRAFT = {"ahead": "STEREO-A", "behind": "STEREO-B"}
 BY_LETTER = {"a": "STEREO-A", "b": "STEREO-B"}

@@ -1,22 +1,29 @@
-"""Spectra that users bring in a folder: which days it holds, and each day with its receivers and their positions."""
+"""Spectra that users bring: in a folder, by day, with receivers and positions, and as spectrograms of radiospectra."""
 
 import os
 from collections.abc import Iterator
 from dataclasses import dataclass
 from datetime import date, timedelta
 from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import numpy.typing as npt
 import xarray as xr
 
-from bella.exceptions import BellaError, InputError, NoDataError
+from bella.containers import MAGIC
+from bella.exceptions import BellaError, InputError, NoDataError, require_extra
 from bella.records import Origin
-from bella.spectra.cdf import MAGIC
+from bella.spacecraft import observatory_name
+from bella.spectra.assembly import Origin as Measured
+from bella.spectra.assembly import assemble
 from bella.spectra.cf_files import ZARR_MARKS
 from bella.spectra.combination import by_observatory_of_what_fits
 from bella.spectra.positions import ReceiverPosition, receiver_position
 from bella.spectra.products import FITS, GZIP, HDF5, IDL, NETCDF3, find_product, open_spectra
+
+if TYPE_CHECKING:
+    from radiospectra.spectrogram import GenericSpectrogram
 
 ENDINGS = (".nc", ".nc4", ".netcdf", ".cdf", ".cdf.gz")
 HEADS = (HDF5, NETCDF3, *MAGIC)
@@ -226,3 +233,83 @@ def _origin(spectrum: xr.Dataset) -> str:
     kept = {Origin.SIMULATED.value, Origin.TEST.value}
     stated = str(spectrum.attrs.get("origin", ""))
     return stated if stated in kept else Origin.USER.value
+
+
+def from_radiospectra(
+    spectrogram: "GenericSpectrogram", quantity: str, receiver: str = "", observatory: str = ""
+) -> xr.Dataset:
+    """A dynamic spectrum from a spectrogram of radiospectra, which also reads e-CALLISTO and other files.
+
+    Parameters
+    ----------
+    spectrogram : radiospectra.spectrogram.GenericSpectrogram
+        With its times and frequencies; its data may have either axis first.
+    quantity : str
+        What its values are, one of ``QUANTITIES``: radiospectra does not state it.
+    receiver, observatory : str, optional
+        In place of its own ``detector`` and ``observatory``.
+
+    Returns
+    -------
+    xarray.Dataset
+        Of origin ``user``.
+
+    Raises
+    ------
+    InputError
+        If data, times and frequencies do not fit together.
+    """
+    meta, values = spectrogram.meta, np.asarray(spectrogram.data, dtype=np.float32)
+    name = str(observatory or meta["observatory"])
+    times = np.asarray(spectrogram.times.utc.to_value("datetime64")).astype("datetime64[ns]")
+    frequency_mhz = np.asarray(spectrogram.frequencies.to_value("MHz"), dtype=np.float64)
+    if values.shape == (frequency_mhz.size, times.size):
+        values = values.T
+    measured = Measured(
+        observatory_name(name), str(receiver or meta.get("detector") or meta.get("instrument", "")), quantity, name
+    )
+    sources = [str(meta["filename"])] if meta.get("filename") else []
+    return assemble(measured, times, frequency_mhz, values).assign_attrs(
+        origin=Origin.USER.value, source_files=sources or [f"spectrogram of {name}"]
+    )
+
+
+def to_radiospectra(spectrum: xr.Dataset) -> "GenericSpectrogram":
+    """A spectrogram of radiospectra from a dynamic spectrum; needs the extra ``radiospectra``.
+
+    Parameters
+    ----------
+    spectrum : xarray.Dataset
+        A dynamic spectrum.
+
+    Returns
+    -------
+    radiospectra.spectrogram.GenericSpectrogram
+        Data of shape (frequency, time). Sample times and what else stands beside the intensity have no place in it.
+
+    Raises
+    ------
+    MissingExtraError
+        If radiospectra is not installed.
+    """
+    require_extra("radiospectra")
+    import astropy.units as u  # noqa: PLC0415 - heavy, and few need it
+    from astropy.time import Time  # noqa: PLC0415
+    from radiospectra.spectrogram import GenericSpectrogram  # noqa: PLC0415
+    from sunpy.net import attrs as a  # noqa: PLC0415
+
+    times = Time(spectrum["time"].to_numpy(), scale="utc")
+    frequency = spectrum["frequency"].to_numpy() * u.MHz
+    meta: dict[str, Any] = {
+        "observatory": spectrum.attrs["observatory"],
+        "instrument": spectrum.attrs["observatory"],
+        "detector": spectrum.attrs["receiver"],
+        "start_time": times[0],
+        "end_time": times[-1],
+        "wavelength": a.Wavelength(frequency[0], frequency[-1]),
+        "times": times,
+        "freqs": frequency,
+        "filename": ", ".join(str(name) for name in np.atleast_1d(spectrum.attrs["source_files"])),
+        "quantity": spectrum.attrs["quantity"],
+    }
+    return GenericSpectrogram(spectrum["intensity"].transpose("frequency", "time").to_numpy(), meta=meta)

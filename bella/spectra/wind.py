@@ -13,14 +13,13 @@ import numpy.typing as npt
 import xarray as xr
 from scipy.io import readsav
 
+from bella.containers import CdfFile, NumberArray, in_mhz, inflate, reading
 from bella.exceptions import InputError
 from bella.spectra.assembly import Origin, assemble, assemble_sweeps, cadence_s, date_of, shared_channels
 from bella.spectra.beside import Beside, epoch_of, read_records, timed
-from bella.spectra.bounded import inflate, reading
-from bella.spectra.cdf import CdfFile, NumberArray, in_mhz
 from bella.spectra.dynamic_spectrum import GEOCENTRIC
+from bella.spectra.minutes import with_sweeps, with_visits
 from bella.spectra.positions import EARTH_RADIUS_KM, with_positions
-from bella.spectra.wind_minutes import with_sweeps, with_visits
 
 OBSERVATORY = "WIND"
 HIGHEST_MHZ = {"rad1": 1.04, "rad2": 13.825, "tnr": 0.256}
@@ -61,8 +60,8 @@ def read_h1(cdf: CdfFile, receiver: str = "") -> tuple[xr.Dataset, ...]:
     Run on the archive file of 2010-01-17. A channel whose background is zero was interpolated between measured ones,
     and is flagged ``interpolated``; a ratio of zero is no data. Ratios of two days have two backgrounds. What the list
     mode of RAD1 did not visit in a minute is NaN, and samples have the time of the visit
-    (:mod:`bella.spectra.wind_minutes`); those of RAD2 the mean time of the sweeps in the minute
-    (:mod:`bella.spectra.wind_minutes`).
+    (:mod:`bella.spectra.minutes`); those of RAD2 the mean time of the sweeps in the minute
+    (:mod:`bella.spectra.minutes`).
 
     Parameters
     ----------
@@ -115,8 +114,8 @@ def read_l2(cdf: CdfFile, receiver: str) -> tuple[xr.Dataset, ...]:
 
     Not yet run on an archive file: written to the published description of the product. The summed pair of antennas
     (SP) is read, as the spacecraft's spin shows least in it; where it lacks data that the one along the spin axis (Z)
-    or the one in the spin plane (S) has, that one: the attribute ``antenna``. Of the 256 columns
-    those without data, which the receiver did not visit, are dropped. A file is not a civil day. RAD1 and RAD2 step
+    or the one in the spin plane (S) has, that one: the attribute ``antenna``. Of the 256 columns those without data,
+    which the receiver did not visit, are dropped, unless none has any. A file is not a civil day. RAD1 and RAD2 step
     through their channels (Bougeret et al. 1995, Space Sci. Rev. 71, 231, doi:10.1007/BF00751331), so that a sample
     takes no longer than a record over the number of samples in it.
 
@@ -135,7 +134,7 @@ def read_l2(cdf: CdfFile, receiver: str) -> tuple[xr.Dataset, ...]:
     Raises
     ------
     InputError
-        If the file is not of this product or holds no data.
+        If the file is not of this product or holds no records.
     """
     time, stated_mhz = cdf.utc(epoch_of(cdf)), cdf.frequency_mhz("FREQUENCY", "Hz", HIGHEST_MHZ[receiver])
     variable, density = _fullest(cdf, DENSITIES)
@@ -147,8 +146,9 @@ def read_l2(cdf: CdfFile, receiver: str) -> tuple[xr.Dataset, ...]:
     origin = Origin(OBSERVATORY, receiver.upper(), "psd_v2_hz", cdf.name, longest_s)
     spectrum = read_records(cdf, origin, variable, time, frequency_mhz, density)
     visited = np.isfinite(np.fmax.reduce(spectrum["intensity"].to_numpy()))
-    whole = visited.all()
-    return ((spectrum if whole else spectrum.isel(frequency=np.flatnonzero(visited))).assign_attrs(antenna=variable),)
+    if visited.any() and not visited.all():
+        spectrum = spectrum.isel(frequency=np.flatnonzero(visited))
+    return (spectrum.assign_attrs(antenna=variable),)
 
 
 def _fullest(cdf: CdfFile, variables: tuple[str, ...]) -> tuple[str, NumberArray]:
@@ -163,11 +163,11 @@ def _fullest(cdf: CdfFile, variables: tuple[str, ...]) -> tuple[str, NumberArray
         count = int(np.count_nonzero(np.isfinite(values)))
         if best is None or count > (1.0 + AS_FULL) * best[0]:
             best = count, name, values
-    if best is None or not best[0]:
+    if best is None:
         held = [name for name in variables if cdf.stored_name(name)]
         if not held:
             raise InputError(f"{cdf.name} has no variable {variables[0]!r}: it is not the product it is named after")
-        raise InputError(f"{cdf.name}: {', '.join(held)} hold no data: the receiver was off; leave the file out")
+        raise InputError(f"{cdf.name}: {', '.join(held)} are empty: the receiver was off; leave the file out")
     return best[1:]
 
 

@@ -13,7 +13,7 @@ from bella.simulation import Receiver, observe
 from bella.simulation.burst import arrival_s
 from bella.simulation.light_curves import PulseLaw
 from bella.spectra import combine_receivers
-from bella.spectra.assembly import mean_time_sd_s
+from bella.spectra.minutes import mean_time_sd_s
 from bella.spectra.stereo import SWEEP_S, by_minute
 from tests.bursts.recorded import burst_at
 

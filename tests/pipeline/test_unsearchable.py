@@ -14,6 +14,7 @@ from bella.pipeline.run import Run, process_day
 from bella.pipeline.workers import Workers
 from bella.records import DayAnswer, Origin
 from bella.settings import Settings
+from bella.simulation import archive_files
 from tests.pipeline.examples import files_of
 
 DAY = date(2021, 2, 10)
@@ -31,11 +32,11 @@ def noise(path: Path, observatory: str, step_s: int, **changed: object) -> Path:
     return path
 
 
-def processed(tmp_path: Path, *paths: Path) -> DayOutcome:
+def processed(tmp_path: Path, *paths: Path, origin: Origin = Origin.USER) -> DayOutcome:
     settings = Settings(home=tmp_path / "home", in_situ=None, regions=None)
     outcome = process_day(files_of(DAY, paths), (), Run(settings, "test", Workers(1, settings)))
     with closing(Catalogue.open(settings.catalogue_url)) as catalogue:
-        kept = catalogue.searched_day(DAY, (Origin.USER,))
+        kept = catalogue.searched_day(DAY, (origin,))
     assert kept is not None
     assert (kept.answer, kept.reason) == (outcome.answer, outcome.message)
     return outcome
@@ -71,3 +72,13 @@ def test_one_bad_file_is_named_and_the_rest_of_the_day_is_searched(tmp_path: Pat
     with pytest.raises(UnfinishedError, match=r"1 of 1 day was searched without some files: .*bad\.nc"):
         check_finished([done])
     check_finished([done], is_asked_for=False)
+
+
+def test_a_day_of_key_parameters_without_a_value_is_not_searchable(tmp_path: Path) -> None:
+    utc = np.datetime64(DAY, "ns") + np.arange(480) * np.timedelta64(180, "s")
+    empty = archive_files.write_wind_k0(tmp_path / "wi_k0_wav_20210210_v01.cdf", utc, np.full((480, 76), np.nan))
+
+    done = processed(tmp_path, empty, origin=Origin.SIMULATED)
+
+    assert (done.state, done.answer) == ("not searchable", DayAnswer.NOT_SEARCHABLE)
+    assert "WIND: it holds no data, every value is missing" in done.message

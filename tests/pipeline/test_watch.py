@@ -189,3 +189,10 @@ def test_folders_of_winds_and_regions_are_looked_at_too(tmp_path: Path) -> None:
     (below / "omni2_2021.dat").touch()
     os.utime(below, ns=(1, 1))
     assert folder_times([TODAY], settings) != before
+
+
+def test_a_file_of_the_day_before_is_seen_where_it_is_in_another_folder(tmp_path: Path) -> None:
+    settings, year = settings_of(tmp_path), date(2022, 1, 1)
+    arrive(settings, year - DAY)
+    arrive(settings, year + 366 * DAY)
+    assert set(folder_times([year], settings)) == {settings.mirror_root / WIND.folders(year - DAY)[0]}

@@ -17,9 +17,8 @@ from bella.simulation.light_curves import PulseLaw
 from bella.simulation.receiver import filled_in_frequency
 from bella.simulation.sky import Conditions, Sky
 from bella.spectra import open_spectra, sample_times
-from bella.spectra.assembly import mean_time_sd_s
+from bella.spectra.minutes import LIST_KHZ, LIST_S, mean_time_sd_s
 from bella.spectra.stereo import SWEEP_S
-from bella.spectra.wind_minutes import LIST_KHZ, LIST_S
 
 DAY = date(2021, 11, 20)
 HOURS = (2, 5, 8, 11, 14, 17, 20)

@@ -6,8 +6,8 @@ import numpy as np
 import xarray as xr
 
 from bella.spectra import combine_receivers, validate_spectrum
+from bella.spectra.minutes import with_sweeps, with_visits
 from bella.spectra.stereo import by_minute
-from bella.spectra.wind_minutes import with_sweeps, with_visits
 
 
 def wind(folder: Path) -> xr.Dataset:

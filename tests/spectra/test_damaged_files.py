@@ -14,10 +14,10 @@ import numpy as np
 import pytest
 import xarray as xr
 
+from bella.containers import READER
 from bella.exceptions import InputError
 from bella.simulation import archive_files
 from bella.spectra import open_spectra
-from bella.spectra.bounded import READER, inflate
 from bella.spectra.cf_files import check_hdf5
 from tests.fuzz.damage import attempt
 from tests.spectra import written
@@ -200,24 +200,6 @@ def test_a_file_of_unknown_identity_under_a_known_name_is_refused(tmp_path: Path
 
     with pytest.raises(InputError, match="it is not Wind/WAVES L2 as its name says"):
         open_spectra(path)
-
-
-def test_a_compressed_bomb_is_not_blown_up() -> None:
-    with pytest.raises(ValueError, match="holds more than 1000 bytes"):
-        inflate(gzip.compress(bytes(10**7)), 1000)
-
-
-def test_what_is_inflated_in_pieces_is_whole() -> None:
-    content = np.random.default_rng(3).bytes(200_001)
-    packed = gzip.compress(content)
-
-    assert inflate(packed, len(content)) == content
-    assert inflate(packed + b"more", len(content)) == content
-    for piece, reason in ((packed[:-1], "cut short"), (packed[:70_000], "cut short")):
-        with pytest.raises(ValueError, match=reason):
-            inflate(piece, len(content))
-    with pytest.raises(ValueError, match="holds more than 200000 bytes"):
-        inflate(packed, len(content) - 1)
 
 
 def test_a_whole_compressed_file_is_read(wind_l2: Path) -> None:

@@ -5,7 +5,7 @@ import pytest
 import xarray as xr
 
 from bella.spectra import sample_times, validate_spectrum
-from bella.spectra.wind_minutes import DWELL_S, LIST_KHZ, LIST_S, measured_samples, visited_minutes, with_visits
+from bella.spectra.minutes import DWELL_S, LIST_KHZ, LIST_S, measured_samples, visited_minutes, with_visits
 
 CHANNELS_KHZ = np.arange(20, 1041, 4)
 MINUTES = 480

@@ -7,7 +7,7 @@ import pytest
 import xarray as xr
 
 from bella.spectra import combine_receivers, open_spectra, sample_times, validate_spectrum
-from bella.spectra.wind_minutes import SWEEP_CHANNELS, SWEEP_S, snapshots, sweep_start_s, with_sweeps
+from bella.spectra.minutes import SWEEP_CHANNELS, SWEEP_S, snapshots, sweep_start_s, with_sweeps
 from tests.spectra import real_day_2020
 
 MINUTES = 720

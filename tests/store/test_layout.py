@@ -7,6 +7,7 @@ import pytest
 
 from bella.exceptions import NoDataError, StoreError
 from bella.store import group_file, open_group, place_group, stage_group, sweep
+from bella.store.layout import age_s
 from tests.store.examples import posterior
 from tests.store.test_roundtrip import NAME, published
 
@@ -175,3 +176,13 @@ def test_what_a_live_run_works_on_is_spared_whatever_its_age(tmp_path: Path) -> 
     removed = sweep(tmp_path, set(), older_than_s=0.0, in_use={"T3-20120607-1929"})
     assert removed == ["T3-20130101-0000/orphan.zarr"]
     assert open_group(tmp_path, NAME)["draws"].shape == (5, 40, 4)
+
+
+def test_a_group_is_as_old_as_the_file_in_it_that_was_written_last(tmp_path: Path) -> None:
+    group = tmp_path / "group.zarr"
+    (group / "draws").mkdir(parents=True)
+    file = group / "draws" / "c0"
+    file.touch()
+    now = time.time()
+    os.utime(file, (now + 900, now + 900))
+    assert age_s(group, now + 1000) == pytest.approx(100, abs=1)

@@ -1,18 +1,18 @@
-"""The 1-minute averages of Wind/WAVES: which samples were measured, and when.
+"""Averages over a minute: which samples were measured in it, and when.
 
-RAD1. In its list mode it hops through 64 steps of 2.86 s on 32 frequencies: the lowest are visited once in 183 s, the
-highest four times. In the 1-minute files, what was not visited in a minute, channel or sample, is a straight line in
-frequency between its measured neighbours. So which minutes hold a visit is seen in the file itself, and with the order
-of the list this gives the time of every visit to a second, where the stamp of the minute is off by 7 s (standard
-deviation) in the highest channels and 17 s in the others.
+Wind/WAVES RAD1. In its list mode it hops through 64 steps of 2.86 s on 32 frequencies: the lowest are visited once in
+183 s, the highest four times. In the 1-minute files, what was not visited in a minute, channel or sample, is a straight
+line in frequency between its measured neighbours. So which minutes hold a visit is seen in the file itself, and with
+the order of the list this gives the time of every visit to a second, where the stamp of the minute is off by 7 s
+(standard deviation) in the highest channels and 17 s in the others.
 
 The order is that of the direction-finding file of 2020-07-11, whose samples carry their own times; it explains 99.6 %
 of the minutes in the 1-minute files of 2010-01-17 and of 2020-07-21. RAD1 is described by Bougeret et al. 1995, Space
 Sci. Rev. 71, 231, doi:10.1007/BF00751331.
 
-RAD2. It sweeps upward through its 256 channels in 16.192 s, so a minute of a channel is the mean of three or four
-snapshots and the mean of their times is off the middle of the minute by up to 8 s, 2.9 s in standard deviation. All
-channels of a burst err together, as neighbours are sampled together.
+Wind/WAVES RAD2. It sweeps upward through its 256 channels in 16.192 s, so a minute of a channel is the mean of three or
+four snapshots and the mean of their times is off the middle of the minute by up to 8 s, 2.9 s in standard deviation.
+All channels of a burst err together, as neighbours are sampled together.
 
 Means of three snapshots scatter more than those of four. So the noise of a day tells which minutes held three, and that
 when the sweeps began.
@@ -24,7 +24,6 @@ import numpy as np
 import numpy.typing as npt
 import xarray as xr
 
-from bella.spectra.assembly import mean_time_sd_s
 from bella.units import FloatArray
 
 BoolArray = npt.NDArray[np.bool_]
@@ -71,6 +70,29 @@ class Visits(NamedTuple):
     """Shape (minutes, channels)."""
     known: BoolArray
     """Minutes with data, shape (minutes,)."""
+
+
+def mean_time_sd_s(revisit_s: float, span_s: float = 60.0) -> float:
+    """How far from the middle of an interval the mean time of the samples is that fall in it.
+
+    A minute that averages one or two sweeps of 38 s holds them anywhere; its middle is not when it was measured.
+
+    Parameters
+    ----------
+    revisit_s : float
+        Time from one sample of a channel to the next, s.
+    span_s : float
+        Length of the interval, s.
+
+    Returns
+    -------
+    float
+        Standard deviation over all ways in which samples and intervals may lie, of intervals with a sample, s.
+    """
+    whole = np.floor(span_s / revisit_s)
+    # the mean of one sample more is uniform over the first width, of as many as fit over the second
+    widths = np.array([span_s - whole * revisit_s, (whole + 1) * revisit_s - span_s if whole else 0.0])
+    return float(np.sqrt((widths**3).sum() / 12.0 / widths.sum()))
 
 
 def measured_samples(intensity: FloatArray, frequency_mhz: FloatArray) -> BoolArray:

@@ -1,8 +1,8 @@
 """Reading damaged files without harm: libraries that believe what a file claims read it in a process of their own.
 
 A file cut short, or with a flipped bit, may claim records of exabytes, lists that run in circles, or compressed blocks
-that swell a thousandfold. That process has little time and memory (:mod:`bella.spectra.reader_process`); it is started
-with the first file and serves all that follow, as starting it takes longer than reading a day of minutes.
+that swell a thousandfold. That process has little time and memory (:mod:`bella.containers.reader_process`); it is
+started with the first file and serves all that follow, as starting it takes longer than reading a day of minutes.
 """
 
 import atexit

@@ -10,8 +10,8 @@ import cdflib
 import numpy as np
 import numpy.typing as npt
 
+from bella.containers.bounded import READER, cpu_limit_s, reading
 from bella.exceptions import InputError
-from bella.spectra.bounded import READER, cpu_limit_s, reading
 
 TimeArray = npt.NDArray[np.datetime64]
 NumberArray = npt.NDArray[np.floating[Any]]
@@ -98,6 +98,10 @@ class CdfFile:
     def first_with_data(self, *variables: str) -> str:
         """The first of some variables that has a value which is no fill value; empty where none has."""
         return next((name for name in variables if self.has_records(name) and self._has_values(name)), "")
+
+    def first_with_records(self, *variables: str) -> str:
+        """The first of some variables with data; where none has, the first with records, all of which are fill."""
+        return self.first_with_data(*variables) or next(filter(self.has_records, variables), "")
 
     def _has_values(self, variable: str) -> bool:
         if self.is_epoch(variable):
@@ -315,7 +319,7 @@ def open_cdf(path: Path) -> Iterator[CdfFile]:
     Raises
     ------
     InputError
-        If it is damaged, or cannot be read within the limits of :mod:`bella.spectra.bounded`.
+        If it is damaged, or cannot be read within the limits of :mod:`bella.containers.bounded`.
     """
     with READER.lock, reading(str(path), "CDF"):
         try:

@@ -1,0 +1,33 @@
+"""Files as such, whole or damaged, whatever they hold: CDF and HDF5 read by a process of their own, gzip, times."""
+
+from bella.containers.bounded import INFLATED_BYTES, LEAST_CPU_S, READER, inflate, reading
+from bella.containers.cdf import (
+    LARGEST_NUMBER,
+    MAGIC,
+    MHZ,
+    CdfFile,
+    NumberArray,
+    TimeArray,
+    in_mhz,
+    open_cdf,
+    utc_of_cdf_epoch,
+    utc_of_tt2000,
+)
+
+__all__ = [
+    "INFLATED_BYTES",
+    "LARGEST_NUMBER",
+    "LEAST_CPU_S",
+    "MAGIC",
+    "MHZ",
+    "READER",
+    "CdfFile",
+    "NumberArray",
+    "TimeArray",
+    "in_mhz",
+    "inflate",
+    "open_cdf",
+    "reading",
+    "utc_of_cdf_epoch",
+    "utc_of_tt2000",
+]
