@@ -114,8 +114,8 @@ def docs(request: Request) -> HTMLResponse:
     for tag, operation in operations(described):
         groups.setdefault(tag, []).append(operation)
     base_url = str(request.base_url).rstrip("/")
-    context = {"groups": groups, "openapi": OPENAPI, "schemas": _schemas(described), "base_url": base_url}
-    page = render(request, "api_reference.html", **context)
+    schemas = _schemas(described)
+    page = render(request, "api_reference.html", groups=groups, openapi=OPENAPI, schemas=schemas, base_url=base_url)
     page.headers["Vary"] = "Accept"
     return page
 
