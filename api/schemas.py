@@ -142,7 +142,7 @@ class DaySummaryReply(Reply):
     detections: int = Field(description="Bursts as single spacecraft heard them.")
     rejected: int = Field(description="Candidates that were refused.")
     bursts: int = Field(description="Bursts, each counted once whoever heard it.")
-    shared: int = Field(description="Of these, heard by two or more spacecraft.")
+    shared: int = Field(description="Of these, received by two or more spacecraft.")
     localised: int = Field(description="Of these, placed.")
     code_version: str
     links: dict[str, str]

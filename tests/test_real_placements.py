@@ -263,4 +263,4 @@ def test_readers_and_search_agree_on_2010_01_17(reference_files: Path) -> None:
     group = [one for name, one in day.bursts.items() if name in {"T3-20100117-0357", "T3-20100117-0358"}]
 
     assert {one.reason for one in group} == {"not localisable: group"}
-    assert day.bursts["T3-20100117-1146"].reason == "not localisable: heard by 2 of 3 spacecraft"
+    assert day.bursts["T3-20100117-1146"].reason == "not localisable: received by 2 of 3 spacecraft"

@@ -313,7 +313,7 @@ def _why_not_localisable(members: Sequence[Member]) -> str:
     alone = [member for member in members if member.fits]
     if len(alone) < THRESHOLDS.spacecraft:
         rest = "".join(f", {why} at {name}" for name, why in company.items())
-        return f"not localisable: heard by {len(members)} of {THRESHOLDS.spacecraft} spacecraft{rest}"
+        return f"not localisable: received by {len(members)} of {THRESHOLDS.spacecraft} spacecraft{rest}"
     seen = np.sum([member.candidate.hit & (THRESHOLDS.low_mhz > FREQUENCY_MHZ) for member in alone], axis=0)
     if np.count_nonzero(seen >= THRESHOLDS.spacecraft) < THRESHOLDS.low_channels:
         return f"not localisable: too few channels below {THRESHOLDS.low_mhz:g} MHz in common"

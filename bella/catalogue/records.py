@@ -107,7 +107,7 @@ class Detection:
 class DaySummary:
     """A searched day with how much was heard on it.
 
-    `detections` are those that were not `rejected`; `shared` bursts were heard by two or more spacecraft,
+    `detections` are those that were not `rejected`; `shared` bursts were received by two or more spacecraft,
     `localised` ones were placed.
     """
 

@@ -1,7 +1,7 @@
 r"""Density of the source position with emission time, propagation speed and directional delay integrated out.
 
-A source at x that emits at time t0 is heard by receiver i, at s_i, at t0 + u d_i + kappa c_i. Here d_i = \|x - s_i\| is
-the distance, u = 1/v the slowness (the model of Canizares et al. 2024, A&A, in solar radii and seconds), and c_i =
+What a source at x emits at time t0 is at receiver i, at s_i, at t0 + u d_i + kappa c_i. Here d_i = \|x - s_i\| is the
+distance, u = 1/v the slowness (the model of Canizares et al. 2024, A&A, in solar radii and seconds), and c_i =
 rise_i (1 - cos_i) the directional delay of :mod:`bella.heliosphere.scattering`. The errors of the arrival times y are
 Gaussian with a covariance C between the receivers, which holds every term of the noise model of a table. The emission
 time has a flat prior, u and kappa have Gaussian ones, N(u0, su) and N(k0, sk), so that all three integrals are closed:

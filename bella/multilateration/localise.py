@@ -82,7 +82,7 @@ def localise(  # noqa: PLR0913
     delay: DirectionalDelay | None = None,
     advance: Callable[[int], None] = lambda _: None,
 ) -> xr.Dataset:
-    """Locate the source of a burst at every frequency heard by three or more receivers.
+    """Locate the source of a burst at every frequency received by three or more receivers.
 
     The model is that of Canizares et al. (2024, A&A, doi:10.1051/0004-6361/202347747).
 

@@ -125,7 +125,7 @@ def timing_of(
     _check_shapes(receivers, arrival_s, sigma_s, dimensions)
     present = ~np.isnan(arrival_s)
     few = np.asarray(present.sum(axis=1) <= dimensions)
-    reject_rows(few, f"was heard by fewer than {dimensions + 1} receivers; leave it out, or use the method posterior")
+    reject_rows(few, f"reached fewer than {dimensions + 1} receivers; leave it out, or use the method posterior")
     reject_rows(np.any(np.isinf(arrival_s), axis=1), "has an arrival time that is not finite; mark it NaN")
     usable = np.isfinite(sigma_s) & (sigma_s > 0)
     reject_rows(np.any(present & ~usable, axis=1), "has a sigma_s that is not above 0")

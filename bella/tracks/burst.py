@@ -159,7 +159,7 @@ def track_record(fit: TrackFit, line: dict[str, Any], companions: dict[str, dict
 def _positions(
     table: pd.DataFrame, grid: ArrivalGrid, recipe: TrackRecipe, advance: Callable[[int], None]
 ) -> xr.Dataset:
-    """Position of each frequency; of none where no frequency is heard by three receivers."""
+    """Position of each frequency; of none where no frequency is received by three receivers."""
     if (np.isfinite(grid.arrival_s).sum(axis=1) >= MIN_OBSERVATORIES).any():
         return localise(
             table, preset=recipe.preset, draws=FEW_DRAWS, advance=advance, covariance_s2=recipe.covariance_s2

@@ -108,7 +108,7 @@ def fit_track(
     Parameters
     ----------
     grid : ArrivalGrid
-        With the noise of its edges; frequencies heard by one or two receivers count too.
+        With the noise of its edges; frequencies received by one or two receivers count too.
     model : TrackModel, optional
     directions : DirectionTerms, optional
         Wave directions to fit as well; those outside the band of the times are left out.

@@ -66,7 +66,7 @@ def evidence_of(grid: ArrivalGrid) -> Evidence:
     Parameters
     ----------
     grid : ArrivalGrid
-        Frequencies heard by one or two receivers count too.
+        Frequencies received by one or two receivers count too.
 
     Returns
     -------

@@ -17,7 +17,7 @@ from tests.api.test_pages import page
 from tests.catalogue.test_detections import DAY, heard
 
 PLACED = "T3-20200721-0300"
-GROUP = {"tier": "catalogued", "reason": "not localisable: heard by 2 of 3 spacecraft, gap_in_flank at SOLO"}
+GROUP = {"tier": "catalogued", "reason": "not localisable: received by 2 of 3 spacecraft, gap_in_flank at SOLO"}
 REFUSED = {"tier": "rejected", "reason": "few_channels_above_0.8_mhz", "burst_id": ""}
 
 TABLE = '<table class="days">'
@@ -154,7 +154,7 @@ def test_a_day_shows_bursts_with_why_they_were_not_placed(reader: TestClient) ->
     assert groups[0].count("<tr>") == 3
     assert 'class="chip good">localised' in groups[0]
     assert "/bursts/" not in groups[1]
-    assert "heard by 2 of 3 spacecraft, gap in flank at SOLO" in groups[1]
+    assert "received by 2 of 3 spacecraft, gap in flank at SOLO" in groups[1]
     assert "not localisable" not in text
     assert "JUICE" in groups[2]
     assert "position is not known" in groups[2]

@@ -79,7 +79,7 @@ def search_days(settings: Settings, catalogue: Catalogue) -> None:
     names, until = ("WIND", "STEREO-A", "STEREO-B"), ONSET + timedelta(minutes=30)
     lone = {
         "tier": "catalogued",
-        "reason": "not localisable: heard by 1 of 3 spacecraft",
+        "reason": "not localisable: received by 1 of 3 spacecraft",
         "burst_id": "T3-20120607-0700",
     }
     found = [

@@ -75,7 +75,7 @@ def test_two_spacecraft_place_nothing(fleet: list[Searched]) -> None:
     bursts = associate(fleet[:2])
 
     assert {burst.tier for burst in bursts} == {CATALOGUED}
-    assert {burst.reason for burst in bursts} == {"not localisable: heard by 2 of 3 spacecraft"}
+    assert {burst.reason for burst in bursts} == {"not localisable: received by 2 of 3 spacecraft"}
 
 
 def test_no_spacecraft_no_burst() -> None:
@@ -174,7 +174,7 @@ def test_the_burst_at_11_46_is_heard_by_two(days_2010: list[Searched]) -> None:
     (burst,) = [one for one in associate(days_2010) if one.burst_id == "T3-20100117-1146"]
 
     assert burst.observatories == ("STEREO-A", "WIND")
-    assert burst.reason == "not localisable: heard by 2 of 3 spacecraft"
+    assert burst.reason == "not localisable: received by 2 of 3 spacecraft"
 
 
 def test_no_maximum_of_2010_01_17_stands_twice(days_2010: list[Searched]) -> None:

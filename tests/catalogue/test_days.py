@@ -11,7 +11,7 @@ from bella.exceptions import InputError
 from tests.catalogue.test_detections import DAY, START, heard
 
 REFUSED = {"tier": "rejected", "reason": "no_drift", "burst_id": ""}
-ALONE = {"tier": "catalogued", "reason": "not localisable: heard by 1 of 3 spacecraft"}
+ALONE = {"tier": "catalogued", "reason": "not localisable: received by 1 of 3 spacecraft"}
 
 
 def record(catalogue: Catalogue, offset: int, found: list[Detection]) -> date:
