@@ -73,9 +73,9 @@ def capabilities(request: Request) -> Response:
 
 
 @router.api_route("/catalog", methods=METHODS)
-def catalog(request: Request) -> Response:
-    """Which data sets there are."""
-    listed = [{"id": one.name, "title": one.title} for one in DATASETS.values()]
+def catalog(request: Request, service: ServiceHere) -> Response:
+    """Which data sets there are; one without a record is not listed yet, for clients begin with its sample."""
+    listed = [{"id": one.name, "title": one.title} for one in DATASETS.values() if one.sample(service)]
 
     def _reply(asked: Mapping[str, str]) -> Response:
         if asked.get("depth", "dataset") != "dataset":

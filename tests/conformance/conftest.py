@@ -1,4 +1,4 @@
-"""One real server on the loopback, with bursts and detections behind it."""
+"""Real servers on the loopback, with bursts and detections behind one of them."""
 
 from collections.abc import Iterator
 from dataclasses import replace
@@ -58,4 +58,13 @@ def filled(tmp_path_factory: pytest.TempPathFactory) -> Settings:
 def address(filled: Settings) -> Iterator[str]:
     """Address of the server."""
     with served(filled) as base:
+        yield base
+
+
+@pytest.fixture(scope="session")
+def empty_address(tmp_path_factory: pytest.TempPathFactory) -> Iterator[str]:
+    """Address of a server whose catalogue has nothing yet."""
+    settings = settings_of(tmp_path_factory.mktemp("empty"))
+    Catalogue.open(settings.catalogue_url, create=True).close()
+    with served(settings) as base:
         yield base

@@ -117,6 +117,13 @@ def test_metadata_follow_the_schema(address: str, path: str) -> None:
     jsonschema.validate(json.loads(body), SCHEMAS[path])
 
 
+def test_data_sets_are_listed_once_they_have_a_record(address: str, empty_address: str) -> None:
+    assert [one["id"] for one in json.loads(asked(address, "catalog")[1])["catalog"]] == list(DATASETS)
+    listed = json.loads(asked(empty_address, "catalog")[1])["catalog"]
+    assert [one["id"] for one in listed] == ["spacecraft_positions"]
+    assert asked(empty_address, "info", dataset="detections")[0].status == 200
+
+
 @pytest.mark.parametrize("name", DATASETS)
 def test_headers_follow_the_schema_and_describe_the_time_first(address: str, name: str) -> None:
     header = header_of(address, name)
