@@ -301,6 +301,9 @@ class Beside:
     ) -> list[str]:
         """Variables with data that are named or described so, those that are named so first."""
         own = self._variable.upper()
+        for name in self._cdf.variables:
+            if names.search(name.upper()) and self._cdf.is_damaged(name):
+                self._leave_out(name)
         held = [
             name
             for name in sorted(self._cdf.variables)
