@@ -113,7 +113,9 @@ def docs(request: Request) -> HTMLResponse:
     groups: dict[str, list[Operation]] = {}
     for tag, operation in operations(described):
         groups.setdefault(tag, []).append(operation)
-    page = render(request, "api_reference.html", groups=groups, openapi=OPENAPI, schemas=_schemas(described))
+    base_url = str(request.base_url).rstrip("/")
+    schemas = _schemas(described)
+    page = render(request, "api_reference.html", groups=groups, openapi=OPENAPI, schemas=schemas, base_url=base_url)
     page.headers["Vary"] = "Accept"
     return page
 
