@@ -64,7 +64,7 @@ def epoch_of(cdf: CdfFile, variable: str = "") -> str:
     others = sorted(name for name in cdf.variables if cdf.is_epoch(name) and cdf.varies(name))
     found = cdf.first_with_data(*filter(None, (stated, "Epoch", *others)))
     if not found:
-        raise InputError(f"{cdf.name} has no times that can be read, in Epoch or the like: take another version of the file")
+        raise InputError(f"{cdf.name} has no times that can be read: take another version of the file")
     return found
 
 
