@@ -35,8 +35,8 @@ FIRST, LAST = np.datetime64("1990-01-01", "ns"), np.datetime64("2060-01-01", "ns
 J2000 = np.datetime64("2000-01-01T12:00:00", "ns")
 CDF_EPOCH, CDF_EPOCH16, CDF_TIME_TT2000 = 31, 32, 33
 EPOCHS = (CDF_EPOCH, CDF_EPOCH16, CDF_TIME_TT2000)
-PREVIOUS, MOST_SPARSE = 2, 1 << 20
-"""Kind of sparse records that repeat the one before; most that are made of those that are not stored."""
+PREVIOUS, MOST_ADDED = 2, 1 << 25
+"""Kind of sparse records that repeat the one before; most values that are made of those that are not stored."""
 
 AT_ONCE = 1 << 13
 """Values that are converted at once, so that what that takes stays small."""
@@ -90,6 +90,11 @@ class CdfFile:
         """Whether anything was written to a variable: many of PSP's have a name and nothing else."""
         stored = self.stored_name(variable)
         return bool(stored) and self._described[stored]["records"] > 0
+
+    def is_damaged(self, variable: str) -> bool:
+        """Whether a variable is there and cannot be read."""
+        stored = self.stored_name(variable)
+        return bool(stored and self._described[stored]["fault"])
 
     def varies(self, variable: str) -> bool:
         """Whether a variable has one value, or row of values, for each record."""
@@ -260,7 +265,7 @@ class CdfFile:
         along = self.stored_name(self.attribute("DEPEND_0", variable))
         others = [along] if along and along != self.stored_name(variable) else list(self.variables)
         count = max(self._described[one]["records"] for one in others) - len(values)
-        if not 0 < count <= MOST_SPARSE or not len(values):
+        if count <= 0 or not len(values) or count * values[0].size > MOST_ADDED:
             return values
         if sparse == PREVIOUS:
             return np.concatenate([values, np.repeat(values[-1:], count, axis=0)])

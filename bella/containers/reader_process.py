@@ -8,6 +8,7 @@ A request is a line of JSON, an answer a line of JSON and, where it has an array
 
 import contextlib
 import json
+import math
 import os
 import resource
 import struct
@@ -25,6 +26,12 @@ MEMORY_BYTES = 3 << 30
 LARGEST_BYTES = 1 << 30
 """Most that one variable or one decompressed file may hold; a day of 42 811 sweeps of 321 channels has 55 MB."""
 
+MOST_VALUES, MOST_SPARSE_VALUES = 1 << 26, 1 << 25
+"""Most of one variable, and of one of which not all is stored; the same day has 14 million."""
+
+GZIP_FACTOR, ROOM_BYTES = 1032, 1 << 20
+"""Most that gzip packs into a byte (zlib's technical details); what a small file may claim beyond that."""
+
 LARGEST_HDF5_BYTES = 256 << 20
 GZIP = b"\x1f\x8b"
 VERSION_2 = (b"\xcd\xf2\x60\x02", b"\x00\x00\xff\xff")
@@ -41,6 +48,7 @@ class Reader:
     def __init__(self) -> None:
         self._cdf: Any = None
         self._unpacked: Path | None = None
+        self._bytes = self._packed_bytes = 0
 
     def open(self, path: str) -> dict[str, dict[str, Any]]:
         """Open a CDF, which may be a .cdf.gz; returns its variables, with type and number of records of each."""
@@ -55,6 +63,10 @@ class Reader:
         if self._unpacked is not None and not _is_cdf(plain):
             raise ValueError("what is packed in it is no CDF")
         _check_length(plain)
+        self._bytes = Path(plain).stat().st_size
+        self._packed_bytes = GZIP_FACTOR * self._bytes
+        if head.startswith(COMPRESSED) and self._unpacked is None:
+            self._bytes = self._packed_bytes
         self._cdf = cdflib.CDF(plain)
         contents = self._cdf.cdf_info()
         return {name: self._described(name) for name in (*contents.zVariables, *contents.rVariables)}
@@ -69,11 +81,20 @@ class Reader:
     def _described(self, variable: str) -> dict[str, Any]:
         try:
             found = self._cdf.varinq(variable)
+            self._check_claim(found)
         except Exception as error:  # noqa: BLE001 - the others may be whole
             return {"kind": 0, "records": 0, "varies": 0, "sparse": 0, "fault": str(error)[:160]}
         sparse = ("no_sparse", "pad_sparse", "prev_sparse").index(str(found.Sparse).lower())
         records, varies = int(found.Last_Rec) + 1, int(bool(found.Rec_Vary))
         return {"kind": int(found.Data_Type), "records": records, "varies": varies, "sparse": sparse, "fault": ""}
+
+    def _check_claim(self, found: Any) -> None:
+        """Hold how many values a variable claims against what the file can hold, a byte each."""
+        count = (int(found.Last_Rec) + 1 if found.Rec_Vary else 1) * math.prod(int(size) for size in found.Dim_Sizes)
+        held = ROOM_BYTES + (self._packed_bytes if found.Compress else self._bytes)
+        is_sparse = str(found.Sparse).lower() != "no_sparse"
+        if count > (MOST_SPARSE_VALUES if is_sparse else min(held, MOST_VALUES)):
+            raise ValueError(f"it claims {count} values")
 
     def attribute(self, name: str, variable: str | None) -> str | float | None:
         """Attribute of a variable, or of the file; None where there is none, or no single value."""

@@ -64,7 +64,7 @@ def epoch_of(cdf: CdfFile, variable: str = "") -> str:
     others = sorted(name for name in cdf.variables if cdf.is_epoch(name) and cdf.varies(name))
     found = cdf.first_with_data(*filter(None, (stated, "Epoch", *others)))
     if not found:
-        raise InputError(f"{cdf.name} has no times: Epoch and the like hold none; take another version of the file")
+        raise InputError(f"{cdf.name} has no times that can be read: take another version of the file")
     return found
 
 
@@ -301,6 +301,9 @@ class Beside:
     ) -> list[str]:
         """Variables with data that are named or described so, those that are named so first."""
         own = self._variable.upper()
+        for name in self._cdf.variables:
+            if names.search(name.upper()) and self._cdf.is_damaged(name):
+                self._leave_out(name)
         held = [
             name
             for name in sorted(self._cdf.variables)

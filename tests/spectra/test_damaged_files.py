@@ -6,6 +6,7 @@ import struct
 import sys
 import zlib
 from collections.abc import Callable, Iterator
+from dataclasses import replace
 from pathlib import Path
 from typing import Literal
 
@@ -20,6 +21,7 @@ from bella.simulation import archive_files
 from bella.spectra import open_spectra
 from bella.spectra.cf_files import check_hdf5
 from tests.fuzz.damage import attempt
+from tests.spectra import test_cdf_variants as cdf_variants
 from tests.spectra import written
 
 UTC = np.datetime64("2020-07-11T00:00:11", "ns") + np.arange(60) * np.timedelta64(16_300, "ms")
@@ -125,6 +127,44 @@ def test_lies_about_sizes_are_found_out(wind_l2: Path, damage: Callable[[bytearr
     assert outcome.message.endswith(("download it again", "take another version of the file"))
     assert "\n" not in outcome.message
     assert outcome.seconds < SECONDS
+    assert outcome.peak_bytes < PEAK_BYTES
+
+
+@pytest.mark.parametrize("records", [200_000, 8_388_668])
+def test_a_flag_that_claims_more_than_the_file_can_hold_is_left_out(tmp_path: Path, records: int) -> None:
+    ones = np.ones((60, 64), dtype=np.float32)
+    path = archive_files.write_solo_l3(
+        tmp_path / "solo_L3_rpw-hfr-surv-flux_20200711_V01.cdf",
+        archive_files.Sweeps(UTC, ones),
+        np.linspace(425, 16e3, 64),
+        ones,
+        ones * 0,
+    )
+    content = bytearray(path.read_bytes())
+    descriptor = content.index(b"INTERPOL_FLAG".ljust(256, b"\0")) - 84
+    struct.pack_into(">i", content, descriptor + 24, records - 1)
+    path.write_bytes(content)
+
+    (read,) = open_spectra(path)
+
+    assert read.attrs["left_out"] == "INTERPOL_FLAG"
+    assert attempt(path, memory=True).peak_bytes < PEAK_BYTES
+
+
+def test_records_that_are_not_stored_are_made_up_to_a_limit(tmp_path: Path) -> None:
+    path = cdf_variants.original(tmp_path, "wi_l2")
+    contents = cdf_variants.contents_of(path)
+    stored = contents["PSD_V2_SP"]
+    utc = np.datetime64("2020-07-11", "ns") + np.arange(200_000) * np.timedelta64(400, "ms")
+    contents["Epoch"] = replace(contents["Epoch"], values=archive_files.tt2000(utc))
+    sparse = {"Dim_Sizes": list(stored.values.shape[1:]), "Sparse": "pad_sparse"}
+    contents["PSD_V2_SP"] = replace(stored, spec=sparse, written=[0, 2, 5])
+    contents = {name: one for name, one in contents.items() if name in {"Epoch", "FREQUENCY", "PSD_V2_SP"}}
+    path = cdf_variants.write(tmp_path / "wi_l2_wav_rad1_20200711_v01.cdf", contents)
+
+    outcome = attempt(path, memory=True)
+
+    assert "but there are 200000 times" in outcome.message
     assert outcome.peak_bytes < PEAK_BYTES
 
 
