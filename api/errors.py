@@ -159,8 +159,8 @@ def _refused_by_schema(request: Request, error: Exception) -> Response:
 
 def worded(fault: Any) -> str:
     """One line about one fault that a schema found in a request."""
-    name = str(fault["loc"][-1]) if len(fault["loc"]) > 1 and not isinstance(fault["loc"][-1], int) else ""
-    name = name or str(fault["loc"][-2] if len(fault["loc"]) > 1 else fault["loc"][0])
+    place, *names = fault["loc"]  # where in the request, the name, and then which of several types was tried
+    name = names[0] if names and isinstance(names[0], str) else place
     if fault["type"] == "extra_forbidden":
         return f"{name}: is not a parameter of this address; see /api/v1/openapi.json"
     return f"{name}: {fault['msg'][0].lower()}{fault['msg'][1:]}"

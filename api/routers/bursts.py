@@ -73,7 +73,7 @@ def latest_burst(catalogue: CatalogueHere, wanted: Annotated[BurstSelection, Que
     found = catalogue.bursts(replace(wanted.query(), sort="-start", limit=1)).bursts
     if not found:
         raise NoDataError("no burst is like that: ask for less, or see /api/v1/days for days without any")
-    return BurstReply.of(found[0])
+    return BurstReply.of(found[0], catalogue.events.of_burst(found[0].burst.burst_id))
 
 
 @router.get("/bursts/{burst_id}")
