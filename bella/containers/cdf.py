@@ -88,8 +88,12 @@ class CdfFile:
 
     def has_records(self, variable: str) -> bool:
         """Whether anything was written to a variable: many of PSP's have a name and nothing else."""
+        return self.record_count(variable) > 0
+
+    def record_count(self, variable: str) -> int:
+        """How many records were written to a variable; none where there is no such."""
         stored = self.stored_name(variable)
-        return bool(stored) and self._described[stored]["records"] > 0
+        return int(self._described[stored]["records"]) if stored else 0
 
     def is_damaged(self, variable: str) -> bool:
         """Whether a variable is there and cannot be read."""

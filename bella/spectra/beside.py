@@ -6,6 +6,7 @@ not fit is left out, and the attribute ``left_out`` names it.
 
 import re
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from dataclasses import replace
 from typing import Any
 
@@ -236,12 +237,16 @@ class Beside:
 
         What has a further axis, of antennas, is the mean along it.
         """
-        try:
-            values = self._cdf.numbers(name)
-        except InputError:
-            self._leave_out(name)
-            return None
-        return self._fitted(name, values)
+        values = self._read(name)
+        return None if values is None else self._fitted(name, values)
+
+    def _read(self, name: str) -> npt.NDArray[Any] | None:
+        """Values of a variable; None of what is damaged, or longer than the intensity, which is not even read."""
+        if self._cdf.record_count(name) <= max(self._shape):
+            with suppress(InputError):
+                return self._cdf.numbers(name)
+        self._leave_out(name)
+        return None
 
     def _fitted(self, name: str, values: npt.NDArray[Any]) -> npt.NDArray[Any] | None:
         if values.ndim == len(self._shape) + 1 and values.shape[:-1] == self._shape:
@@ -259,10 +264,8 @@ class Beside:
 
     def _flag(self, name: str) -> npt.NDArray[np.bool_] | None:
         """Where a flag says that a sample was interpolated, as far as its description tells what it means."""
-        try:
-            values = self._cdf.numbers(name)
-        except InputError:
-            self._leave_out(name)
+        values = self._read(name)
+        if values is None:
             return None
         known = np.isfinite(values)
         is_whole = known & (values == np.rint(np.where(known, values, 0.0)))

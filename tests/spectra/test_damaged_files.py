@@ -130,7 +130,7 @@ def test_lies_about_sizes_are_found_out(wind_l2: Path, damage: Callable[[bytearr
     assert outcome.peak_bytes < PEAK_BYTES
 
 
-@pytest.mark.parametrize("records", [200_000, 8_388_668])
+@pytest.mark.parametrize("records", [90_000, 200_000, 8_388_668])
 def test_a_flag_that_claims_more_than_the_file_can_hold_is_left_out(tmp_path: Path, records: int) -> None:
     ones = np.ones((60, 64), dtype=np.float32)
     path = archive_files.write_solo_l3(
