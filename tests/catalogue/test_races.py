@@ -53,7 +53,8 @@ def at_once() -> Iterator[AtOnce]:
 
 def test_processes_that_start_at_once_all_find_a_catalogue(at_once: AtOnce, database_url: str) -> None:
     answers = at_once([{"do": "create", "url": database_url}] * 3)
-    assert answers == [{"result": "0006"}] * 3
+    newest = max(one.name[:4] for one in (REPOSITORY / "migrations" / "versions").glob("0*.py"))
+    assert answers == [{"result": newest}] * 3
     with Catalogue.open(database_url) as catalogue:
         assert catalogue.bursts(BurstQuery()).total == 0
 
