@@ -303,7 +303,9 @@ def test_every_sort_gives_every_burst_once_whatever_the_size_of_a_page(
 
 
 def test_a_sort_that_is_not_known_is_refused_with_those_that_are(catalogue: Catalogue) -> None:
-    with pytest.raises(InputError, match=r"sort: 'beauty' is not known; choose start, updated, grade, longitude"):
+    with pytest.raises(
+        InputError, match=r"sort: 'beauty' is not known; choose one of start, updated, grade, longitude"
+    ):
         catalogue.bursts(BurstQuery(sort="beauty"))
 
 
