@@ -175,7 +175,7 @@ def test_commands_print_the_answer_and_refuse_what_is_not_clear(home: Settings) 
     assert BURST_ID in narrow.stdout
     shown = json.loads(command(home, "show", BURST_ID, "--json"))
     details = shown.pop("details")
-    assert shown == row
+    assert shown == row | {"events": []}
     assert [one["solution_id"] for one in details] == row["solutions"]
     assert all(one["localisations"] and one["track"] for one in details)
     assert command(home, "prefer", BURST_ID, "--auto").splitlines()[-1].endswith("chosen by the rule)")

@@ -228,7 +228,7 @@ def assert_is_datacite(made: dict[str, Any]) -> None:
     assert re.fullmatch(r"10\.\d{4,9}/\S+", related["relatedIdentifier"])
 
 
-@pytest.mark.parametrize("name", sorted(SCHEMAS))
+@pytest.mark.parametrize("name", sorted(set(SCHEMAS) - {"events"}))
 def test_rows_follow_the_schema_of_the_columns(frozen: Path, name: str) -> None:
     schema = json.loads((frozen / "columns.schema.json").read_text())
     row = rows_of(frozen, name)[0]
