@@ -11,11 +11,11 @@ from fastapi.responses import HTMLResponse
 from markupsafe import Markup
 from pydantic import ValidationError
 
+from api.addresses import day_links
 from api.asking import asked_of, fault_words
 from api.links import linked
 from api.queries import DayFilter, parse_day
 from api.rendering import render
-from api.schemas import day_links
 from api.service import CatalogueHere, ServiceHere
 from api.wording import NOT_COMPARED, answer_words
 from bella.catalogue import BurstQuery, Catalogue, DayPage, DaySummary, Detection, DetectionQuery, ObservedDay

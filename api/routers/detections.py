@@ -4,10 +4,10 @@ from typing import Annotated
 
 from fastapi import APIRouter, Query, Request, Response
 
+from api.day_replies import DayReply, DaysReply, DaySummaryReply, DetectionReply, DetectionsReply
 from api.freshness import REVALIDATE, file_tag, is_known, not_modified
 from api.queries import DayFilter, DayText, OriginChoice, parse_day
 from api.routers.figures import svg_reply
-from api.schemas import DayReply, DaysReply, DaySummaryReply, DetectionReply, DetectionsReply
 from api.service import CatalogueHere, ServiceHere
 from api.tables import (
     JSON,
