@@ -6,7 +6,7 @@ from fastapi import APIRouter, Query, Request, Response
 
 from api.day_replies import DayReply, DaysReply, DaySummaryReply, DetectionReply, DetectionsReply
 from api.freshness import REVALIDATE, file_tag, is_known, not_modified
-from api.queries import DayFilter, DayText, OriginChoice, parse_day
+from api.queries import DayFilter, DayText, OriginChoice
 from api.routers.figures import svg_reply
 from api.service import CatalogueHere, ServiceHere
 from api.tables import (
@@ -20,6 +20,7 @@ from api.tables import (
 )
 from bella.exceptions import NoDataError
 from bella.plotting import as_file
+from bella.times import parse_day
 
 router = APIRouter(prefix="/api/v1", tags=["detections"])
 
@@ -63,7 +64,7 @@ def days(request: Request, catalogue: CatalogueHere, wanted: Annotated[DayFilter
 @router.get("/days/{day}")
 def day(day: DayText, catalogue: CatalogueHere, choice: Annotated[OriginChoice, Query()]) -> DayReply:
     """Whether a day was searched, and which spacecraft had data: no data, no burst and not placed are told apart."""
-    wanted = parse_day(day)
+    wanted = parse_day(day, "day")
     return DayReply.of(wanted, catalogue.searched_day(wanted, choice.origins))
 
 
@@ -72,7 +73,7 @@ def day_figure(
     request: Request, day: DayText, service: ServiceHere, choice: Annotated[OriginChoice, Query()]
 ) -> Response:
     """Spectra of all spacecraft on a searched day with what was found outlined, SVG; redrawn with the day."""
-    wanted = parse_day(day)
+    wanted = parse_day(day, "day")
     paths = [service.settings.day_figure(wanted, origin) for origin in choice.origins]
     path = next((one for one in paths if one.is_file()), paths[0])
     if not path.is_file():

@@ -96,7 +96,9 @@ def _draw(given: BurstInput, solutions: Sequence[Drawn], settings: Settings, aro
     ]
     advance = counter("figures", len(figure_paths(given, solutions, settings)))
     if positions:
-        best_first = [view for _, view in sorted(zip(positions, views, strict=True), key=_is_other)]
+        pairs = list(zip(positions, views, strict=True))
+        best_first = [view for one, view in pairs if one.solution.preferred]
+        best_first += [view for one, view in pairs if not one.solution.preferred]
         utc = np.datetime64(given.burst.start_utc.replace(tzinfo=None), "ns")
         path = constellation(given, positions[0].solution, settings)
         write_figure(path, constellation_figure(best_first, utc, MapView()), constellation_caption("hee"))
@@ -116,10 +118,6 @@ def _draw(given: BurstInput, solutions: Sequence[Drawn], settings: Settings, aro
         drawn = spectra_figure(given.spectra, given.channel_edges, SpectraView())
         write_figure(spectra_path(given, settings), drawn, spectra_caption("spacecraft"))
         advance(1)
-
-
-def _is_other(pair: tuple[Drawn, TrackView]) -> bool:
-    return not pair[0].solution.preferred
 
 
 def figure_paths(given: BurstInput, solutions: Sequence[Drawn], settings: Settings) -> list[Path]:
