@@ -9,12 +9,13 @@ from typing import TYPE_CHECKING, Any
 
 from bella.exceptions import require_extra
 from bella.plotting.constellation import MapView, constellation_caption, constellation_figure, thumbnail
-from bella.plotting.evolution import evolution_figure, residual_figure
-from bella.plotting.fleet import write_day_svg
+from bella.plotting.evolution import evolution_caption, evolution_figure, residual_caption, residual_figure
+from bella.plotting.export import KINDS, MEDIA_TYPES, Caption, Kind, Theme, exported, origin_warning, write_figure
+from bella.plotting.fleet import day_caption, write_day_svg
 from bella.plotting.geometry import TrackView, polar_track, selected_regions, speed_remark
 from bella.plotting.palette import edge_name
 from bella.plotting.spectra import SpectraView, spectra_caption, spectra_figure
-from bella.plotting.svg import as_file, figure_style, write_figure
+from bella.plotting.svg import figure_style
 from bella.plotting.timeline import DayMark, Marked, OnsetMark, calendar_figure, selection_figure, strips_figure
 
 if TYPE_CHECKING:
@@ -30,26 +31,35 @@ if TYPE_CHECKING:
     from bella.plotting.wind import WindScene, write_wind_map_png
 
 __all__ = [
+    "KINDS",
+    "MEDIA_TYPES",
+    "Caption",
     "DayMark",
+    "Kind",
     "MapView",
     "Marked",
     "OnsetMark",
     "SpectraView",
+    "Theme",
     "TrackView",
     "WindScene",
-    "as_file",
     "calendar_figure",
     "comparison_panels",
     "constellation_caption",
     "constellation_figure",
+    "day_caption",
     "draw_arrivals",
     "draw_detections",
     "draw_positions",
     "draw_track",
     "edge_name",
+    "evolution_caption",
     "evolution_figure",
+    "exported",
     "figure_style",
+    "origin_warning",
     "polar_track",
+    "residual_caption",
     "residual_figure",
     "selected_regions",
     "selection_figure",

@@ -57,7 +57,7 @@ def _mark(one: Marked, x: float, upward: Scale, below: float) -> str:
         for turn in (-360.0, 0.0, 360.0):
             low, high = max(one.low_deg + turn, -180.0), min(one.high_deg + turn, 180.0)
             if low <= high:
-                inside.append(line(x, float(upward(low)), x, float(upward(high)), class_="error"))
+                inside.append(line(x, float(upward(low)), x, float(upward(high)), class_="interval"))
         middle = (one.longitude_deg + 180.0) % 360.0 - 180.0
         inside.append(element("circle", cx=x, cy=float(upward(middle)), r=4.5, class_=f"grade-{one.grade}"))
     return element("a", *inside, href=one.address)

@@ -202,7 +202,7 @@ def test_style_of_figures_is_kept_by_browsers(client: TestClient) -> None:
 def test_figures_of_the_page_are_files_too_and_follow_the_view(client: TestClient) -> None:
     text = page(client, f"/bursts/{BURST_ID}?view=fleet&clock=sun&frequency=0.5&f=0.2,1")
     for name, said in (("constellation", "HEE"), ("spectra", "at the Sun"), ("evolution", "Leblanc")):
-        (link,) = re.findall(rf'href="(/api/[^"]+/figures/{name}[^"]*)"', text)
+        (link,) = re.findall(rf'href="(/api/[^"]+/figures/{name}\.svg[^"]*)"', text)
         reply = client.get(link.replace("&amp;", "&"))
         assert reply.headers["content-type"] == "image/svg+xml"
         assert "style-src 'unsafe-inline'" in reply.headers["content-security-policy"]
@@ -210,11 +210,18 @@ def test_figures_of_the_page_are_files_too_and_follow_the_view(client: TestClien
         assert said in reply.text
         assert "doi:10.1051/0004-6361/202347747" in reply.text
     near, far = (
-        client.get(f"/api/v1/bursts/{BURST_ID}/figures/constellation?view={view}").text for view in ("track", "fleet")
+        client.get(f"/api/v1/bursts/{BURST_ID}/figures/constellation.svg?view={view}").text
+        for view in ("track", "fleet")
     )
     assert near != far
+    for kind, begin in (("png", b"\x89PNG"), ("pdf", b"%PDF-")):
+        kept = client.get(f"/api/v1/bursts/{BURST_ID}/figures/evolution.{kind}")
+        assert kept.content.startswith(begin)
+        assert kept.headers["content-type"] in {"image/png", "application/pdf"}
+        assert f'filename="{BURST_ID}_evolution.{kind}"' in kept.headers["content-disposition"]
+    assert client.get(f"/api/v1/bursts/{BURST_ID}/figures/residuals.gif").status_code == 422
     for wrong in ("view=moon", "frame=galactic", "t=yesterday,today", "f=1,0.1", "frequency=-3", "x=1"):
-        assert client.get(f"/api/v1/bursts/{BURST_ID}/figures/spectra?{wrong}").status_code == 422, wrong
+        assert client.get(f"/api/v1/bursts/{BURST_ID}/figures/spectra.svg?{wrong}").status_code == 422, wrong
 
 
 def test_list_shows_longitude_distances_and_wind_of_each_burst(client: TestClient) -> None:
