@@ -7,6 +7,7 @@ from fastapi import APIRouter, Request
 from fastapi.responses import HTMLResponse
 from markupsafe import Markup
 
+from api.addresses import burst_links, day_links
 from api.calibration import calibration_of
 from api.drawing import BurstView, Looked
 from api.links import site_url
@@ -15,7 +16,7 @@ from api.queries import CHOICES
 from api.rendering import render, series_query, written_interval
 from api.routers.bursts import versions_of
 from api.routers.solutions import sources_of
-from api.schemas import SolutionReply, burst_links, day_links
+from api.schemas import SolutionReply
 from api.service import CatalogueHere, ServiceHere
 from bella.answer import GRADES
 from bella.catalogue import Burst, Catalogue, Solution

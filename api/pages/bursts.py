@@ -10,12 +10,12 @@ from fastapi.responses import HTMLResponse, RedirectResponse
 from markupsafe import Markup
 from pydantic import ValidationError
 
+from api.addresses import burst_links
 from api.asking import asked_of, fault_words
 from api.drawing import places_of
 from api.freshness import IMMUTABLE
 from api.queries import NEWEST_FIRST, BurstFilter
 from api.rendering import render
-from api.schemas import burst_links
 from api.service import CatalogueHere
 from bella.answer import GRADES
 from bella.catalogue import BurstPage, BurstQuery, BurstSummary, Catalogue

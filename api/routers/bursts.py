@@ -8,6 +8,7 @@ from typing import Annotated, Any
 from fastapi import APIRouter, Query, Request, Response
 from fastapi.responses import PlainTextResponse
 
+from api.addresses import zarr_path
 from api.queries import BurstId, BurstSelection, FrequencyChoice, SolutionChoice, one_per_edge
 from api.queries import chosen as chosen_solution
 from api.schemas import (
@@ -22,7 +23,6 @@ from api.schemas import (
     VersionReply,
     VersionsReply,
     said_of,
-    zarr_path,
 )
 from api.service import CatalogueHere, ServiceHere
 from api.tables import (

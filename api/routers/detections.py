@@ -4,8 +4,8 @@ from typing import Annotated
 
 from fastapi import APIRouter, Query, Request, Response
 
-from api.queries import DayFilter, DayText, OriginChoice, parse_day
-from api.schemas import DayReply, DaysReply, DaySummaryReply, DetectionReply, DetectionsReply
+from api.day_replies import DayReply, DaysReply, DaySummaryReply, DetectionReply, DetectionsReply
+from api.queries import DayFilter, DayText, OriginChoice
 from api.service import CatalogueHere
 from api.tables import (
     JSON,
@@ -16,6 +16,7 @@ from api.tables import (
     next_address,
     table_reply,
 )
+from bella.times import parse_day
 
 router = APIRouter(prefix="/api/v1", tags=["detections"])
 
@@ -59,5 +60,5 @@ def days(request: Request, catalogue: CatalogueHere, wanted: Annotated[DayFilter
 @router.get("/days/{day}")
 def day(day: DayText, catalogue: CatalogueHere, choice: Annotated[OriginChoice, Query()]) -> DayReply:
     """Whether a day was searched, and which spacecraft had data: no data, no burst and not placed are told apart."""
-    wanted = parse_day(day)
+    wanted = parse_day(day, "day")
     return DayReply.of(wanted, catalogue.searched_day(wanted, choice.origins))

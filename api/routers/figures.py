@@ -8,7 +8,7 @@ from pydantic import Field
 from api.drawing import BurstView, Looked
 from api.freshness import REVALIDATE, file_tag, is_known, not_modified, tag_of
 from api.links import linked, site_url
-from api.queries import BurstId, DayText, OriginChoice, parse_day
+from api.queries import BurstId, DayText, OriginChoice
 from api.service import CatalogueHere, ServiceHere
 from bella.catalogue import Burst
 from bella.exceptions import NoDataError
@@ -25,6 +25,7 @@ from bella.plotting import (
     residual_caption,
     spectra_caption,
 )
+from bella.times import parse_day
 
 router = APIRouter(prefix="/api/v1", tags=["figures"], default_response_class=Response)
 
@@ -89,7 +90,7 @@ def day_figure(
     choice: Annotated[OriginChoice, Query()],
 ) -> Response:
     """Spectra of all spacecraft on a searched day with what was found outlined; redrawn with the day."""
-    wanted = parse_day(day)
+    wanted = parse_day(day, "day")
     drawn = {origin: service.settings.day_figure(wanted, origin) for origin in choice.origins}
     origin, path = next(((one, path) for one, path in drawn.items() if path.is_file()), (None, None))
     if origin is None or path is None:

@@ -101,7 +101,9 @@ def _draw(given: BurstInput, solutions: Sequence[Drawn], settings: Settings, aro
     said, warning = f"Burst {burst.burst_id}. BELLA service {__version__}.", origin_warning(burst.origin)
     advance = counter("figures", len(figure_paths(given, solutions, settings)))
     if positions:
-        best_first = [view for _, view in sorted(zip(positions, views, strict=True), key=_is_other)]
+        pairs = list(zip(positions, views, strict=True))
+        best_first = [view for one, view in pairs if one.solution.preferred]
+        best_first += [view for one, view in pairs if not one.solution.preferred]
         utc = np.datetime64(given.burst.start_utc.replace(tzinfo=None), "ns")
         path = constellation(given, positions[0].solution, settings)
         write_figure(
@@ -123,10 +125,6 @@ def _draw(given: BurstInput, solutions: Sequence[Drawn], settings: Settings, aro
         drawn = spectra_figure(given.spectra, given.channel_edges, SpectraView())
         write_figure(spectra_path(given, settings), drawn, Caption(spectra_caption("spacecraft"), said, warning))
         advance(1)
-
-
-def _is_other(pair: tuple[Drawn, TrackView]) -> bool:
-    return not pair[0].solution.preferred
 
 
 def figure_paths(given: BurstInput, solutions: Sequence[Drawn], settings: Settings) -> list[Path]:

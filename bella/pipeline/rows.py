@@ -1,6 +1,6 @@
 """Rows of the published tables, from the catalogue and the posteriors: the same for the API, HAPI and a release."""
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Collection, Iterable, Iterator
 from dataclasses import asdict, replace
 from datetime import date
 from itertools import islice
@@ -12,6 +12,7 @@ import xarray as xr
 from bella.catalogue import BurstQuery, BurstSummary, Catalogue, DaySummary, KnownEvent, Solution, SolutionTimes
 from bella.exceptions import InputError
 from bella.formats import track_numbers
+from bella.records import REAL_ORIGINS, Origin
 
 Row = dict[str, object]
 Item = TypeVar("Item")
@@ -125,11 +126,13 @@ def day_row(day: DaySummary) -> Row:
     return {**searched, **counts, **words}
 
 
-def all_days(catalogue: Catalogue, first: date | None, last: date | None) -> Iterator[DaySummary]:
-    """Searched days of [first, last] in real data, the newest first."""
+def all_days(
+    catalogue: Catalogue, first: date | None, last: date | None, origins: Collection[Origin] = REAL_ORIGINS
+) -> Iterator[DaySummary]:
+    """Searched days of [first, last] in data of these origins, the newest first."""
     cursor: str | None = None
     while True:
-        page = catalogue.days(first, last, limit=366, cursor=cursor)
+        page = catalogue.days(first, last, limit=366, origins=origins, cursor=cursor)
         yield from page.days
         if page.next_cursor is None:
             return

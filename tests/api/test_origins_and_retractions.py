@@ -194,7 +194,7 @@ def test_every_solution_lists_its_source_files(reader: TestClient) -> None:
 def test_the_history_of_a_burst_tells_its_story(reader: TestClient) -> None:
     html = reader.get("/bursts/T3-20120607-2100", headers={"Accept": "text/html"}).text
     history = html[html.index('id="history"') : html.index("</ol>")]
-    assert history.index("preliminary") < history.index("retraction")
+    assert history.index("<strong>first answer</strong> (final)") < history.index("<strong>retracted</strong>: ")
     assert "timed on &lt;interference&gt;" in history
     both = reader.get(f"/bursts/{BURST_ID}", headers={"Accept": "text/html"}).text
-    assert both.index("<strong>preliminary</strong>") < both.index("<strong>update</strong>")
+    assert both.index("<strong>first answer</strong>") < both.index("<strong>new answer</strong>")
