@@ -1,5 +1,6 @@
 """Figures as the pages draw them, as files to keep: SVG, PNG or PDF with caption and how to cite them."""
 
+import hashlib
 from typing import Annotated, Any, Literal
 
 from fastapi import APIRouter, Depends, Path, Query, Request, Response
@@ -8,7 +9,8 @@ from pydantic import Field
 from api.drawing import BurstView, Looked
 from api.freshness import REVALIDATE, file_tag, is_known, not_modified, tag_of
 from api.links import linked, site_url
-from api.queries import BurstId, DayText, OriginChoice
+from api.queries import BurstId, BurstSelection, DayText, OriginChoice
+from api.selection import selection_of, selection_query
 from api.service import CatalogueHere, ServiceHere
 from bella.catalogue import Burst
 from bella.exceptions import NoDataError
@@ -23,6 +25,7 @@ from bella.plotting import (
     exported,
     origin_warning,
     residual_caption,
+    selection_caption,
     spectra_caption,
 )
 from bella.times import parse_day
@@ -35,6 +38,7 @@ FILE_POLICY = "default-src 'none'; style-src 'unsafe-inline'; img-src data:"
 METHOD = "method: Cañizares et al. (2024), doi:10.1051/0004-6361/202347747."
 
 FigureName = Literal["constellation", "spectra", "evolution", "residuals"]
+SelectionFigure = Literal["longitude", "footpoints", "wind"]
 KindHere = Annotated[Kind, Path(description="Kind of the file.", examples=["svg"])]
 THEME: Theme = "light"
 A_FIGURE: dict[int | str, dict[str, Any]] = {
@@ -43,6 +47,12 @@ A_FIGURE: dict[int | str, dict[str, Any]] = {
         "content": {one: {"schema": {"type": "string"}} for one in MEDIA_TYPES.values()},
     }
 }
+
+
+class SelectionView(BurstSelection):
+    """A figure of bursts, and for which ground."""
+
+    theme: Theme = Field(THEME, description="Colours for a light or for a dark ground.")
 
 
 class FigureView(BurstView):
@@ -79,6 +89,28 @@ def burst_figure(
     caption = Caption(text, _source(request, looked), _warning(burst))
     theme = view.theme if isinstance(view, FigureView) else THEME
     return file_reply(exported(drawn, caption, kind, theme), kind, f"{burst.burst_id}_{name}", tag)
+
+
+@router.get("/figures/{name}.{kind}", responses=A_FIGURE)
+def selection_figure(
+    request: Request,
+    name: SelectionFigure,
+    kind: KindHere,
+    catalogue: CatalogueHere,
+    wanted: Annotated[SelectionView, Query()],
+) -> Response:
+    """Longitudes of bursts against time, their footpoints around the Sun, or the solar wind against time."""
+    found = selection_of(catalogue, wanted)
+    figures = found.figures()
+    if not figures:
+        raise NoDataError("fewer than two bursts are like that: ask for more of them")
+    asked = wanted.model_dump(exclude_defaults=True, exclude={"theme"}, mode="json")
+    query = selection_query(asked)
+    source = f"Cite: BELLA service, {_address(request, '/')}{'?' if query else ''}{query}; {METHOD}"
+    warning = "Simulated data or data of tests are among the bursts." if found.has_unreal else ""
+    caption = Caption(selection_caption(name, len(found.bursts), found.total), source, warning)
+    made = exported(figures[name], caption, kind, wanted.theme)
+    return file_reply(made, kind, f"bella_{name}", tag_of((), hashlib.sha256(made).hexdigest()))
 
 
 @router.get("/days/{day}/figure.{kind}", responses=A_FIGURE)

@@ -14,9 +14,17 @@ from bella.plotting.export import KINDS, MEDIA_TYPES, Caption, Kind, Theme, expo
 from bella.plotting.fleet import day_caption, write_day_svg
 from bella.plotting.geometry import TrackView, polar_track, selected_regions, speed_remark
 from bella.plotting.palette import edge_name
+from bella.plotting.selection import (
+    Estimate,
+    Marked,
+    footpoint_figure,
+    longitude_figure,
+    selection_caption,
+    wind_figure,
+)
 from bella.plotting.spectra import SpectraView, spectra_caption, spectra_figure
 from bella.plotting.svg import figure_style
-from bella.plotting.timeline import DayMark, Marked, OnsetMark, calendar_figure, selection_figure, strips_figure
+from bella.plotting.timeline import DayMark, OnsetMark, calendar_figure, strips_figure
 
 if TYPE_CHECKING:
     from bella.plotting.aligned import write_aligned_png
@@ -35,6 +43,7 @@ __all__ = [
     "MEDIA_TYPES",
     "Caption",
     "DayMark",
+    "Estimate",
     "Kind",
     "MapView",
     "Marked",
@@ -57,17 +66,20 @@ __all__ = [
     "evolution_figure",
     "exported",
     "figure_style",
+    "footpoint_figure",
+    "longitude_figure",
     "origin_warning",
     "polar_track",
     "residual_caption",
     "residual_figure",
     "selected_regions",
-    "selection_figure",
+    "selection_caption",
     "spectra_caption",
     "spectra_figure",
     "speed_remark",
     "strips_figure",
     "thumbnail",
+    "wind_figure",
     "write_aligned_png",
     "write_calibration_png",
     "write_collapsed_png",

@@ -353,3 +353,23 @@ def test_every_companion_of_a_track_is_described(client: TestClient) -> None:
         assert f"`{name}`" in described, name
         unsaid = [field for field in companion if f"`{field}`" not in rows[name]]
         assert set(unsaid) <= {"model", "flags", "reason"}, (name, unsaid)
+
+
+def test_figures_of_a_selection_are_of_all_its_bursts_and_files_too(client: TestClient) -> None:
+    total = client.get("/api/v1/bursts?limit=1").json()["total"]
+    text = page(client, "/?limit=1&sort=start")
+    assert f"Figures of these {total} bursts" in text
+    for name in ("longitude", "footpoints", "wind"):
+        assert f'href="/api/v1/figures/{name}.pdf"' in text
+        reply = client.get(f"/api/v1/figures/{name}.svg")
+        assert f"{total} bursts." in reply.text
+        assert "href=" not in reply.text
+        again = client.get(f"/api/v1/figures/{name}.svg", headers={"If-None-Match": reply.headers["etag"]})
+        assert again.status_code == 304
+    assert len(re.findall(r'<a href="/bursts/[^"]+"><title>', text)) == 2 * total
+    (sector,) = set(re.findall(r'href="(/\?longitude_min=[^"]+)"', text))
+    assert f"{total} bursts." in page(client, sector.replace("&amp;", "&"))
+    some = page(client, "/?stop=2012-06-10&grade=AB")
+    assert "stop=2012-06-10" in re.findall(r'href="/api/v1/figures/wind.svg\?([^"]+)"', some)[0]
+    assert client.get("/api/v1/figures/wind.svg?stop=2001-01-01").status_code == 404
+    assert client.get("/api/v1/figures/wind.svg?limit=3").status_code == 422
