@@ -29,7 +29,7 @@ def day_links(day: date, origin: Origin = Origin.ARCHIVE) -> dict[str, str]:
     return {
         "self": f"{base}{tail}",
         "page": linked(f"/days/{day}{tail}"),
-        "figure": f"{base}/figure{tail}",
+        "figure": f"{base}/figure.svg{tail}",
         "detections": linked(f"{API}/detections?{heard}"),
     }
 
@@ -38,7 +38,7 @@ def burst_links(burst: Burst) -> dict[str, str]:
     """Addresses of everything about a burst."""
     base = linked(f"{API}/bursts/{burst.burst_id}")
     parts = ("versions", "track", "posterior", "events")
-    figures = {f"figure_{name}": f"{base}/figures/{name}" for name in ("constellation", "spectra")}
+    figures = {f"figure_{name}": f"{base}/figures/{name}.svg" for name in ("constellation", "spectra")}
     return {
         "self": base,
         "page": linked(f"/bursts/{burst.burst_id}"),

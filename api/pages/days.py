@@ -131,12 +131,16 @@ def day_page(request: Request, day: str, service: ServiceHere, catalogue: Catalo
     before, after = catalogue.days_beside(wanted, origins)
     drawn = service.settings.day_figure(wanted, origins[0])
     month = wanted.replace(day=1)
+    links = day_links(wanted, origins[0])
+    figure, _, tail = links["figure"].partition("?")
     return render(
         request,
         "day.html",
         summary=summary,
         said=answer_words(summary.searched.answer),
-        links=day_links(wanted, origins[0]),
+        links=links,
+        figure=figure.removesuffix(".svg"),
+        tail=f"?{tail}" if tail else "",
         month=f"/days?from={month}&to={(month + timedelta(days=32)).replace(day=1) - timedelta(days=1)}",
         origin=origins[0],
         is_real=origins[0] in REAL_ORIGINS,
