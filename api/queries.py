@@ -1,7 +1,7 @@
 """What may stand in the query of an address. An unknown parameter is refused: a misspelt filter must not be ignored."""
 
 from dataclasses import replace
-from datetime import UTC, date, datetime
+from datetime import date, datetime
 from typing import Annotated, Any, Literal
 from urllib.parse import urlencode
 
@@ -16,8 +16,7 @@ from bella.flags import FLAGS
 from bella.linked_events import KINDS, EventKind
 from bella.records import ANNOUNCED_ORIGINS, Origin, Tier, origins_asked
 from bella.spacecraft import observatory_name
-
-TIME_HINT = "write a UTC time as 2012-06-07 or 2012-06-07T19:30:00Z"
+from bella.times import parse_day, parse_utc
 
 MethodName = Literal["posterior", "nuts", "tdoa"]
 """`bella.catalogue.records.METHOD_ORDER`."""
@@ -222,7 +221,9 @@ def _days_of(first: str | None, last: str | None) -> tuple[date | None, date | N
     InputError
         If one cannot be read or the first is after the last.
     """
-    begin, end = (None if text is None else parse_day(text.strip()) for text in (first, last))
+    begin, end = (
+        None if text is None else parse_day(text.strip(), name) for text, name in ((first, "from"), (last, "to"))
+    )
     if begin and end and begin > end:
         raise InputError("from: is after to; exchange them, or leave one out")
     return begin, end
@@ -434,52 +435,6 @@ class FrequencyChoice(SeriesChoice):
     frequency_mhz: float = Field(
         gt=0, le=1000, allow_inf_nan=False, description="The nearest channel is taken.", examples=[0.5]
     )
-
-
-def parse_day(text: str) -> date:
-    """A day as an address gives it.
-
-    Parameters
-    ----------
-    text : str
-
-    Returns
-    -------
-    datetime.date
-
-    Raises
-    ------
-    InputError
-        If it is none.
-    """
-    try:
-        return date.fromisoformat(text)
-    except ValueError as error:
-        raise InputError(f"{text!r} is not a day; write it as 2020-07-21") from error
-
-
-def parse_utc(text: str | None, name: str) -> datetime | None:
-    """UTC time from text; None stays None, a time without a zone is UTC.
-
-    Parameters
-    ----------
-    text : str or None
-    name : str
-        Parameter that is named when it cannot be read.
-
-    Raises
-    ------
-    InputError
-        If it is not a time.
-    """
-    if text is None:
-        return None
-    try:
-        # a "+" in a query that nobody escaped arrives as a blank
-        moment = datetime.fromisoformat(text.strip().replace(" +", "+"))
-        return moment.replace(tzinfo=UTC) if moment.tzinfo is None else moment.astimezone(UTC)
-    except (ValueError, OverflowError) as error:
-        raise InputError(f"{name}: {text[:40]!r} is not a time; {TIME_HINT}") from error
 
 
 def matching(solutions: tuple[Solution, ...], choice: SolutionChoice) -> list[Solution]:

@@ -6,7 +6,8 @@ from typing import Annotated
 from fastapi import APIRouter, Path, Query
 from pydantic import Field
 
-from api.schemas import API, Reply
+from api.addresses import API
+from api.replies import Reply
 from api.service import CatalogueHere
 from bella.catalogue import FleetMap, ObservedDay
 

@@ -45,6 +45,9 @@ LEAST_HALF_RSUN = 12.0
 BEYOND = 1.3
 """Of the distances of a joint fit: what is farther out does not decide what is shown of its track."""
 
+SCALE_ROOM = (215.0, 56.0)
+"""Corner of the colours of the frequencies, with letters as large as on a phone."""
+
 BORDER = 15.0
 """Room between the border of the map and the labels of the longitudes along it."""
 
@@ -191,7 +194,8 @@ def _spokes(chart: Map, frame: Frame, utc: np.datetime64) -> Iterator[str]:
             continue
         yield line(sun[0], sun[1], end[0], end[1], class_="spoke")
         place, _ = chart.to_border(angle, BORDER)
-        if np.linalg.norm(place - sun) > 60:
+        is_free = place[0] > SCALE_ROOM[0] or place[1] < SIZE[1] - SCALE_ROOM[1]
+        if is_free and np.linalg.norm(place - sun) > 60:
             anchor = "start" if place[0] < 40 else "end" if place[0] > SIZE[0] - 40 else "middle"
             aside = {"start": -9.0, "end": 9.0, "middle": 0.0}[anchor]
             said = _written(longitude, frame)
@@ -320,7 +324,7 @@ def _frequency_scale(track: TrackView) -> Iterator[str]:
     top, count = SIZE[1] - 30.0, 24
     if scale.low == scale.high:
         return
-    yield element("rect", x=6, y=top - 8, width=170, height=34, class_="sky under")
+    yield element("rect", x=6, y=top - 12, width=SCALE_ROOM[0] - 12, height=38, class_="sky under")
     for index in range(count):
         x, width = 16.0 + index * 120.0 / count, 120.0 / count + 0.6
         yield element("rect", x=x, y=top, width=width, height=7, fill=colour_at((index + 0.5) / count))

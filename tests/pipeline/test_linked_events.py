@@ -159,6 +159,11 @@ def test_a_release_that_is_not_known_well_says_less_than_the_emission(settings: 
             published(settings, catalogue, inputs_hash=f"{sd}", frequencies=FEW, track_fit=track)
             summary = catalogue.burst(BURST_ID)
             assert f"{released(catalogue, summary):%H:%M}".startswith(expected)
+            emitted = {
+                one.frequency_mhz: one.emission_utc for one in catalogue.localisations(summary.solutions[0].solution_id)
+            }
+            assert emitted[0.25] != emitted[0.5]
+            assert (released(catalogue, summary) == emitted[0.5]) == (sd > 300.0)
             without = replace(summary, solutions=())
             light_s = (ONSET - released(catalogue, without)).total_seconds()
         assert light_s == pytest.approx(0.9604 * 499.005, abs=2.0)  # to STEREO-A, the nearest
