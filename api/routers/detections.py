@@ -5,6 +5,7 @@ from typing import Annotated
 from fastapi import APIRouter, Query, Request, Response
 
 from api.day_replies import DayReply, DaysReply, DaySummaryReply, DetectionReply, DetectionsReply
+from api.freshness import last_modified
 from api.queries import DayFilter, DayText, OriginChoice
 from api.service import CatalogueHere
 from api.tables import (
@@ -30,11 +31,12 @@ def detections(
     request: Request, response: Response, catalogue: CatalogueHere, wanted: Annotated[DetectionTableFilter, Query()]
 ) -> DetectionsReply | Response:
     """Detections, the newest onset first; a tier other than "localisable" comes with its reason."""
-    chosen, page = asked_format(request, wanted.format), catalogue.detections(wanted.query())
+    chosen, changed = asked_format(request, wanted.format), catalogue.changed_utc("days")
+    page = catalogue.detections(wanted.query())
     following = next_address(request, page.next_cursor)
     if chosen is not JSON:
-        return table_reply(chosen, detection_table(page.detections), "detections", following)
-    response.headers["Vary"] = "Accept"
+        return table_reply(chosen, detection_table(page.detections), "detections", following, changed)
+    response.headers.update({"Vary": "Accept"} | last_modified(changed))
     return DetectionsReply(
         detections=[DetectionReply.of(one) for one in page.detections],
         total=page.total,
