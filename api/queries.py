@@ -91,7 +91,9 @@ CHOICES = ("edge", "method", "preset", "version")
 """Names of what chooses a solution."""
 
 
-class _Query(BaseModel):
+class Parameters(BaseModel):
+    """Parameters of an address; what is none of them is refused."""
+
     model_config = ConfigDict(extra="forbid")
 
 
@@ -105,7 +107,7 @@ OriginAsked = Annotated[
 ]
 
 
-class OriginChoice(_Query):
+class OriginChoice(Parameters):
     """Data of which origin are asked for."""
 
     origin: OriginAsked = None
@@ -171,7 +173,7 @@ class BurstSelection(OriginChoice):
             start=start,
             stop=stop,
             updated_since=parse_utc(self.updated_since, "updated_since"),
-            observatories=frozenset(map(_observatory, self.observatory)),
+            observatories=frozenset(map(read_observatory, self.observatory)),
             grades=frozenset(self.grade),
             tier=self.tier,
             flags=frozenset(self.flag),
@@ -229,7 +231,7 @@ def _days_of(first: str | None, last: str | None) -> tuple[date | None, date | N
     return begin, end
 
 
-def _observatory(name: str) -> str:
+def read_observatory(name: str) -> str:
     """Name of a spacecraft as it is used here, of a name as people write it.
 
     Raises
@@ -267,7 +269,7 @@ class DetectionFilter(OriginChoice):
         return DetectionQuery(
             start=start,
             stop=stop,
-            observatory=None if self.observatory is None else _observatory(self.observatory),
+            observatory=None if self.observatory is None else read_observatory(self.observatory),
             tier=self.tier,
             burst_id=self.burst,
             sort=self.sort,
@@ -314,7 +316,7 @@ class SolutionFilter(OriginChoice):
         )
 
 
-class SourceFilter(_Query):
+class SourceFilter(Parameters):
     """Which files are asked for, in which order, and which page of them."""
 
     dataset: Asked = Field(None, description="Data set; without it, all.", examples=["WI_H1_WAV"])
@@ -338,7 +340,7 @@ class SourceFilter(_Query):
         return SourceQuery(self.dataset, first, last, since, self.sort, self.cursor, self.limit)
 
 
-class EventFilter(_Query):
+class EventFilter(Parameters):
     """Which events are asked for; without parameters, all from the first on."""
 
     start: Asked = Field(None, description="Events that start at this UTC time or later.", examples=["2012-06-07"])
@@ -360,7 +362,7 @@ class EventFilter(_Query):
         start, stop = parse_utc(self.start, "start"), parse_utc(self.stop, "stop")
         if start and stop and start >= stop:
             raise InputError("start: is not before stop; exchange them, or leave one out")
-        observer = _observatory(self.observatory) if self.observatory else None
+        observer = read_observatory(self.observatory) if self.observatory else None
         return EventQuery(start, stop, frozenset(self.kind), observer, self.linked, self.cursor, self.limit)
 
 
@@ -412,7 +414,7 @@ class AlertFilter(OriginChoice):
         return ANNOUNCED_ORIGINS if self.origin is None else self.origins
 
 
-class SolutionChoice(_Query):
+class SolutionChoice(Parameters):
     """Which solution of a burst is asked for; without parameters, the preferred one."""
 
     edge: str | None = Field(None, description="Definition of the edge, such as half_maximum.")
@@ -421,7 +423,7 @@ class SolutionChoice(_Query):
     version: int | None = Field(None, ge=1, description="Version; without it, the newest.")
 
 
-class SeriesChoice(_Query):
+class SeriesChoice(Parameters):
     """Which series the figures show; without parameters, the preferred one with the other edges of its kind."""
 
     edge: str | None = Field(None, description="Definition of the edge, such as half_maximum; without it, all.")

@@ -14,6 +14,7 @@ from bella.plotting.export import KINDS, MEDIA_TYPES, Caption, Kind, Theme, expo
 from bella.plotting.fleet import day_caption, write_day_svg
 from bella.plotting.geometry import TrackView, polar_track, selected_regions, speed_remark
 from bella.plotting.palette import edge_name
+from bella.plotting.planning import planning_caption, planning_figure
 from bella.plotting.selection import (
     Estimate,
     Marked,
@@ -69,6 +70,8 @@ __all__ = [
     "footpoint_figure",
     "longitude_figure",
     "origin_warning",
+    "planning_caption",
+    "planning_figure",
     "polar_track",
     "residual_caption",
     "residual_figure",
