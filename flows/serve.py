@@ -91,6 +91,7 @@ def _end_dead_runs(names: Sequence[str]) -> None:
     """Tell Prefect that runs of a worker that was killed have ended: it would keep their place for ever."""
     from prefect.client.orchestration import get_client  # noqa: PLC0415
     from prefect.client.schemas.filters import DeploymentFilter, FlowFilter, FlowRunFilter  # noqa: PLC0415
+    from prefect.client.schemas.sorting import FlowRunSort  # noqa: PLC0415
     from prefect.states import Crashed  # noqa: PLC0415
 
     with get_client(sync_client=True) as client:
@@ -99,6 +100,7 @@ def _end_dead_runs(names: Sequence[str]) -> None:
             flow_run_filter=FlowRunFilter.model_validate({"state": {"type": {"any_": ["RUNNING", "PENDING"]}}}),
             deployment_filter=DeploymentFilter.model_validate({"name": {"any_": [SCHEDULED]}}),
             limit=MOST_RUNS,
+            sort=FlowRunSort.ID_DESC,
         )
         for run in runs:
             client.set_flow_run_state(run.id, Crashed(message="its worker was killed"))
