@@ -14,8 +14,7 @@ from api.links import own_path
 from bella import __version__
 from bella.catalogue import Solution
 
-AS_THEY_ARE = ("/static/", "/api/v1/alerts/stream")
-"""Addresses that answer HEAD and tags by themselves, or have no end."""
+ENDLESS = "/api/v1/alerts/stream"
 
 IMMUTABLE = "public, max-age=31536000, immutable"
 REVALIDATE = "no-cache"
@@ -46,10 +45,11 @@ def file_tag(path: Path) -> str:
 
 def is_known(request: Request, tag: str) -> bool:
     """Whether the reader has this entity already."""
-    return _has(request.headers, tag)
+    return has_tag(request.headers, tag)
 
 
-def _has(headers: Headers, tag: str) -> bool:
+def has_tag(headers: Headers, tag: str) -> bool:
+    """Whether the headers of a request name this entity."""
     known = {part.strip().removeprefix("W/") for part in headers.get("if-none-match", "").split(",")}
     return tag.removeprefix("W/") in known or "*" in known
 
@@ -62,6 +62,11 @@ def fresh_json(content: Any, tag: str) -> Response:
 def not_modified(tag: str) -> Response:
     """Reply to a reader who has this entity already."""
     return Response(status_code=304, headers={"ETag": tag, "Cache-Control": REVALIDATE})
+
+
+def not_modified_headers(whole: Headers) -> MutableHeaders:
+    """Headers of a 304, of those of the whole reply."""
+    return MutableHeaders({name: whole[name] for name in ("etag", "cache-control", "vary") if name in whole})
 
 
 class Revalidated:
@@ -77,7 +82,7 @@ class Revalidated:
         """Pass the request on, as GET where it is HEAD, and mark the reply."""
         path = own_path(scope)
         asked = scope["type"] == "http" and scope["method"] in {"GET", "HEAD"}
-        if not asked or path.startswith(AS_THEY_ARE) or "/posterior.zarr/" in path:
+        if not asked or path == ENDLESS or "/posterior.zarr/" in path:
             await self.app(scope, receive, send)
             return
         reply = _Reply(Headers(scope=scope), send, without_body=scope["method"] == "HEAD")
@@ -112,9 +117,8 @@ class _Reply:
                 content = headers.get("content-type", "").encode() + body.get("body", b"")
                 headers["ETag"] = f'W/"{hashlib.sha256(content).hexdigest()[:32]}"'
                 headers.setdefault("Cache-Control", REVALIDATE)
-            if "etag" in headers and _has(self.asked, headers["etag"]):
-                kept = [(name, headers[name]) for name in ("etag", "cache-control", "vary") if name in headers]
-                raw = [(name.encode(), value.encode()) for name, value in kept]
+            if "etag" in headers and has_tag(self.asked, headers["etag"]):
+                raw = not_modified_headers(headers).raw
                 self.start = {"type": "http.response.start", "status": 304, "headers": raw}
                 self.without_body = True
         self.is_over = self.without_body
