@@ -12,7 +12,7 @@ from api.headers import install_headers
 from api.links import Prefixed
 from api.pages import burst as burst_page
 from api.pages import bursts as list_page
-from api.pages import days, guide, submit
+from api.pages import days, guide, planning, submit
 from api.routers import (
     alerts,
     arrivals,
@@ -93,6 +93,7 @@ def create_app(settings: Settings | None = None) -> FastAPI:
         days,
         list_page,
         burst_page,
+        planning,
         guide,
         submit,
     ):

@@ -9,11 +9,11 @@ import numpy as np
 
 from api.service import Service
 from api.tables import (
-    burst_table,
+    BURST_TABLE,
+    LOCALISATION_TABLE,
+    TRACK_TABLE,
     detection_table,
-    localisation_table,
     table_of_rows,
-    track_table,
 )
 from bella.catalogue import BurstQuery, BurstSummary, DetectionQuery, ObservedDay
 from bella.formats import ARRIVALS, BURSTS, DAYS, DETECTIONS, LATENCIES, LOCALISATIONS, TRACKS, Schema
@@ -98,21 +98,22 @@ def _some_bursts(service: Service, start: datetime, stop: datetime, most: int) -
 
 
 def _bursts(service: Service, start: datetime, stop: datetime) -> HapiRecords:
-    with service.catalogue().snapshot():
-        return table_records(burst_table(all_bursts(service.catalogue(), _query(start, stop))))
+    catalogue = service.catalogue()
+    with catalogue.snapshot():
+        return table_records(BURST_TABLE.of(catalogue, all_bursts(catalogue, _query(start, stop))))
 
 
 def _tracks(service: Service, start: datetime, stop: datetime) -> HapiRecords:
     catalogue = service.catalogue()
     with catalogue.snapshot():
-        return table_records(track_table(catalogue, all_bursts(catalogue, _query(start, stop))))
+        return table_records(TRACK_TABLE.of(catalogue, all_bursts(catalogue, _query(start, stop))))
 
 
 def _localisations(service: Service, start: datetime, stop: datetime) -> HapiRecords:
     catalogue = service.catalogue()
     with catalogue.snapshot():
         bursts = _some_bursts(service, start, stop, MOST_RECORDS // 20)
-        return table_records(localisation_table(catalogue, [one.preferred for one in bursts if one.preferred]))
+        return table_records(LOCALISATION_TABLE.of(catalogue, bursts))
 
 
 def _arrivals(service: Service, start: datetime, stop: datetime) -> HapiRecords:

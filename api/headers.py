@@ -76,7 +76,7 @@ def install_headers(app: FastAPI, service: Service) -> None:
         CORSMiddleware,
         allow_origins=["*"],
         allow_methods=["GET", "HEAD"],
-        allow_headers=["Range", "If-None-Match", "Accept", "Last-Event-ID"],
+        allow_headers=["Range", "If-None-Match", "If-Modified-Since", "Accept", "Last-Event-ID"],
         expose_headers=["ETag", "Content-Range", "Content-Length", "Accept-Ranges", "Retry-After"],
     )
     app.add_middleware(SecurityHeaders)

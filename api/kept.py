@@ -9,7 +9,7 @@ from starlette.concurrency import run_in_threadpool
 from starlette.datastructures import Headers, MutableHeaders
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
-from api.freshness import ENDLESS, REVALIDATE, has_tag, not_modified_headers
+from api.freshness import ENDLESS, REVALIDATE, has_entity, not_modified_headers
 from api.links import own_path
 from api.service import Service
 
@@ -18,6 +18,9 @@ NEVER = (ENDLESS, "/static/", "/status", "/health", "/metrics")
 
 FILES = ("/figure", "/posterior.zarr/")
 """So end, or in this lie, addresses of files that have tags of their own."""
+
+CONDITIONS = (b"if-none-match", b"if-modified-since")
+"""Headers of a request that may make its reply a 304."""
 
 AGE_S = 60.0
 """Longest time that a reply is kept: some hold the date of today, or figures that were drawn after the last commit."""
@@ -90,7 +93,7 @@ class KeptReplies:
                 start = {}
             await send(message)
 
-        rest = [(name, value) for name, value in scope["headers"] if name != b"if-none-match"]
+        rest = [(name, value) for name, value in scope["headers"] if name not in CONDITIONS]
         await self.app({**scope, "headers": rest}, receive, _take)
         return found[0] if found else None
 
@@ -108,7 +111,8 @@ def _may_be_kept(scope: Scope, asked: Headers) -> bool:
         return False
     path = own_path(scope)
     is_file = path.endswith(FILES[0]) or FILES[1] in path
-    return not (path.startswith(NEVER) or is_file or "authorization" in asked or "range" in asked)
+    is_streamed = b"limit=all" in scope["query_string"]  # sent piece by piece, which are made as they are taken
+    return not (path.startswith(NEVER) or is_file or is_streamed or "authorization" in asked or "range" in asked)
 
 
 def _key(scope: Scope, asked: Headers) -> tuple[str, ...]:
@@ -126,7 +130,7 @@ def _key(scope: Scope, asked: Headers) -> tuple[str, ...]:
 
 async def _answer(kept: _Kept, asked: Headers, send: Send) -> None:
     headers, status, body = MutableHeaders(raw=[*kept.headers]), 200, kept.body
-    if has_tag(asked, headers["etag"]):
+    if has_entity(asked, headers["etag"], headers.get("last-modified")):
         headers, status, body = not_modified_headers(headers), 304, b""
     await send({"type": "http.response.start", "status": status, "headers": headers.raw})
     await send({"type": "http.response.body", "body": body})

@@ -217,6 +217,14 @@ class Catalogue:
         """
         return queries.bursts(self._engine, query or BurstQuery())
 
+    def state_of(self, query: BurstQuery) -> str:
+        """Digest of all that a query finds; see :func:`bella.catalogue.queries.state_of`."""
+        return queries.state_of(self._engine, query)
+
+    def changed_utc(self, what: queries.Changed) -> datetime | None:
+        """When any of all of these was changed last; see :func:`bella.catalogue.queries.changed_utc`."""
+        return queries.changed_utc(self._engine, what)
+
     def held(self) -> Held:
         """How much of real data there is; see `queries.held`."""
         return queries.held(self._engine)

@@ -296,7 +296,7 @@ EVENTS = Schema(
         F_HIGH,
         _text("link", "meta.ref.url", "Page about it."),
         BURST_ID,
-        _float("delay_s", "s", "time.interval", "Begin of the event less that of the burst, both at the Sun."),
+        _float("delay_s", "s", "time.interval", "Start of the event less that of the burst, both at the Sun."),
         GRADE,
         *_PHI0,
         _float("range_low_rsun", "solRad", "pos.distance;stat.min", "Distance of the nearest source from the Sun."),

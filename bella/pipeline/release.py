@@ -24,7 +24,7 @@ import structlog
 from jinja2 import Environment, StrictUndefined
 
 from bella import __version__
-from bella.catalogue import BurstQuery, BurstSummary, Catalogue, DaySummary
+from bella.catalogue import BurstQuery, BurstSummary, Catalogue
 from bella.exceptions import BusyError, InputError, NoDataError, StoreError
 from bella.flags import APPARENT_SOURCE
 from bella.formats import (
@@ -42,7 +42,16 @@ from bella.formats import (
 from bella.formats.binary import PARQUET_CODEC, arrow_schema, arrow_table, from_arrow
 from bella.formats.release import DOI, SOFTWARE, Release, croissant, datacite, json_schema
 from bella.pipeline.progress import counter
-from bella.pipeline.rows import Row, all_bursts, arrival_rows, burst_row, day_row, localisation_rows, track_rows
+from bella.pipeline.rows import (
+    Row,
+    all_bursts,
+    all_days,
+    arrival_rows,
+    burst_row,
+    day_row,
+    localisation_rows,
+    track_rows,
+)
 from bella.records import REAL_ORIGINS, Origin
 from bella.settings import Settings
 from bella.store import copy_group, flush_tree, open_group
@@ -56,7 +65,6 @@ PIECE_ROWS = 5000
 """Rows that are in memory at a time, and in a row group of a file."""
 
 _LABEL = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]{0,39}")
-_BLOCK_BYTES = 1 << 20
 
 log = structlog.get_logger(__name__)
 
@@ -222,21 +230,12 @@ def _freeze(settings: Settings, wanted: Wanted, folder: Path) -> Release:
 
 
 def _freeze_days(catalogue: Catalogue, wanted: Wanted, tables: "_Tables") -> None:
-    for day in sorted(_all_days(catalogue, wanted), key=lambda one: one.searched.day):
+    days = all_days(catalogue, wanted.first, wanted.last, wanted.origins)
+    for day in sorted(days, key=lambda one: one.searched.day):
         month = f"{day.searched.day:%Y-%m}"
         tables.add(DAYS, month, [day_row(day)])
         found = catalogue.detections_of(day.searched.day, (day.searched.origin,))
         tables.add(DETECTIONS, month, map(asdict, found))
-
-
-def _all_days(catalogue: Catalogue, wanted: Wanted) -> Iterator[DaySummary]:
-    last = wanted.last
-    while True:
-        page = catalogue.days(wanted.first, last, limit=366, origins=wanted.origins)
-        yield from page.days
-        if page.next_last is None:
-            return
-        last = page.next_last
 
 
 @dataclass
@@ -401,11 +400,8 @@ def _names(folder: Path) -> list[str]:
 
 
 def _sha256(path: Path) -> str:
-    found = hashlib.sha256()
     with path.open("rb") as file:
-        while block := file.read(_BLOCK_BYTES):
-            found.update(block)
-    return found.hexdigest()
+        return hashlib.file_digest(file, "sha256").hexdigest()
 
 
 def verify_release(folder: Path, advance: Callable[[int], None] = lambda _: None) -> Release:

@@ -165,7 +165,7 @@ def test_burst_of_one_frequency_is_published_without_a_spiral(tmp_path: Path, lo
     assert "too_few_positions" in solution.flags
     with TestClient(create_app(settings)) as client:
         page = client.get(f"/bursts/{given.burst.burst_id}")
-        figure = client.get(f"/api/v1/bursts/{given.burst.burst_id}/figures/constellation")
+        figure = client.get(f"/api/v1/bursts/{given.burst.burst_id}/figures/constellation.svg")
         track = client.get(f"/api/v1/bursts/{given.burst.burst_id}/track").json()
     assert page.status_code == figure.status_code == 200
     assert "no spiral was fitted" in page.text

@@ -35,6 +35,7 @@ from bella.settings import Settings
 from bella.store import open_group
 from tests.api.published import ONSET, publish_event, publish_many, published, synthetic_burst
 from tests.fixtures_postgres import postgres_database
+from tests.pipeline.disks import small_disk_at
 from tests.plotting.synthetic import BURST_ID
 
 REPOSITORY = Path(__file__).parents[2]
@@ -502,15 +503,8 @@ def test_a_killed_run_leaves_no_release_and_the_next_makes_one(home: Settings, s
 
 @pytest.fixture
 def small_disk(tmp_path: Path) -> Iterator[Path]:
-    place = tmp_path / "small"
-    place.mkdir()
-    made = subprocess.run(
-        ["mount", "-t", "tmpfs", "-o", f"size={80 * 1024}", "tmpfs", place], capture_output=True, check=False
-    )
-    if made.returncode:
-        pytest.skip(f"no small file system can be mounted: {made.stderr.decode().strip()}")
-    yield place
-    subprocess.run(["umount", "-l", place], check=True)
+    with small_disk_at(tmp_path / "disk", 80 * 1024) as place:
+        yield place
 
 
 @pytest.mark.parametrize("posteriors", [True, False], ids=["in a posterior", "in a table or a text"])
