@@ -294,6 +294,11 @@ class TrackFitReply(Reply):
         "`footpoint`, `wind`, `triangulation`, `fused`, `models`. Each has `flags`; with `not_computed` it "
         "has a `reason` and nothing else.",
     )
+    companions_pending: bool = Field(
+        default=False,
+        description="Whether `companions` are still being computed: they follow within minutes under the same id, "
+        "unless a newer version comes first; nothing else of the solution changes.",
+    )
     published: dict[str, Json] | None = Field(default=None, description="What a paper says of this track, if it does.")
 
 

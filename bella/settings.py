@@ -82,7 +82,7 @@ class Settings(BaseSettings):
     days_schedule_s: PositiveFloat = Field(
         default=600.0,
         description="Interval at which a run over the recent days begins, s; until the next one it looks at the mirror "
-        "every two seconds.",
+        "every second.",
     )
     ingest_schedule_s: PositiveFloat = Field(
         default=300.0, description="Interval at which the archives are asked for what is due, s."

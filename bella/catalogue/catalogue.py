@@ -207,6 +207,12 @@ class Catalogue:
         """
         return publication.publish(self._engine, new, lease, check)
 
+    def add_companions(
+        self, solution_id: str, companions: dict[str, Any], lease: leases.Lease | None = None
+    ) -> dict[str, Any]:
+        """Add once what other methods say of the track of a solution; see `publication.add_companions`."""
+        return publication.add_companions(self._engine, solution_id, companions, lease)
+
     def bursts(self, query: BurstQuery | None = None) -> BurstPage:
         """One page of bursts; see `queries.bursts`.
 
