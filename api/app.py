@@ -3,11 +3,9 @@
 ``uvicorn api.app:create_app --factory`` serves it with the settings of the environment.
 """
 
-from pathlib import Path
 from typing import Any
 
 from fastapi import FastAPI
-from fastapi.staticfiles import StaticFiles
 
 from api.errors import DESCRIBED, Problem, install_error_handlers
 from api.headers import install_headers
@@ -32,11 +30,10 @@ from api.routers import (
     tables,
 )
 from api.service import Service
+from api.static_files import router as static_files
 from bella import __version__
 from bella.logs import log_to
 from bella.settings import Settings
-
-STATIC = Path(__file__).parent / "static"
 
 
 _OF_A_BURST = ("burst", "versions", "track", "posterior", "regions", "arrivals", "burst_events")
@@ -111,7 +108,7 @@ def create_app(settings: Settings | None = None) -> FastAPI:
         settings = Settings()
     app.state.service = Service(settings)
     install_error_handlers(app)
-    install_headers(app)
+    install_headers(app, app.state.service)
     app.add_middleware(Prefixed, prefix=settings.root_path)
     for module in (
         root,
@@ -136,5 +133,5 @@ def create_app(settings: Settings | None = None) -> FastAPI:
         submit,
     ):
         app.include_router(module.router)
-    app.mount("/static", StaticFiles(directory=STATIC), name="static")
+    app.include_router(static_files)
     return app
