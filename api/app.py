@@ -35,7 +35,6 @@ from bella import __version__
 from bella.logs import log_to
 from bella.settings import Settings
 
-
 _OF_A_BURST = ("burst", "versions", "track", "posterior", "regions", "arrivals", "burst_events")
 _OF_A_SOLUTION = ("solution", "calibration")
 _OF_A_DAY = ("day", "observability_of_day")
