@@ -212,7 +212,7 @@ def test_nothing_on_a_page_comes_from_elsewhere(client: TestClient) -> None:
 
 
 def test_style_of_figures_is_kept_by_browsers(client: TestClient) -> None:
-    reply = client.get("/static/figure.css")
+    reply = client.get("/static/figure.css?v=1")
     assert "immutable" in reply.headers["cache-control"]
     assert reply.headers["content-type"].startswith("text/css")
     assert "prefers-color-scheme: dark" in reply.text
