@@ -11,11 +11,11 @@ from fastapi.responses import HTMLResponse
 from markupsafe import Markup
 from pydantic import ValidationError
 
+from api.addresses import day_links
 from api.asking import asked_of, fault_words
 from api.links import linked
-from api.queries import DayFilter, parse_day
+from api.queries import DayFilter
 from api.rendering import render
-from api.schemas import day_links
 from api.service import CatalogueHere, ServiceHere
 from api.wording import NOT_COMPARED, answer_words
 from bella.catalogue import BurstQuery, Catalogue, DayPage, DaySummary, Detection, DetectionQuery, ObservedDay
@@ -23,6 +23,7 @@ from bella.exceptions import InputError, NoDataError
 from bella.flags import LOCALISABLE, REJECTED
 from bella.plotting import DayMark, OnsetMark, calendar_figure, strips_figure
 from bella.records import ALL_ORIGINS, REAL_ORIGINS, DayAnswer, Origin, origins_asked
+from bella.times import parse_day
 
 router = APIRouter(include_in_schema=False)
 
@@ -119,7 +120,7 @@ def _onsets(catalogue: Catalogue, first: date, last: date, origins: tuple[Origin
 @router.get("/days/{day}")
 def day_page(request: Request, day: str, service: ServiceHere, catalogue: CatalogueHere) -> HTMLResponse:
     """What was found on a searched day, drawn and in tables."""
-    wanted = parse_day(day)
+    wanted = parse_day(day, "day")
     asked = _origins(request)
     known = catalogue.days(wanted, wanted, 1, asked).days
     summary = min(known, key=lambda one: asked.index(one.searched.origin), default=None)
@@ -130,12 +131,16 @@ def day_page(request: Request, day: str, service: ServiceHere, catalogue: Catalo
     before, after = catalogue.days_beside(wanted, origins)
     drawn = service.settings.day_figure(wanted, origins[0])
     month = wanted.replace(day=1)
+    links = day_links(wanted, origins[0])
+    figure, _, tail = links["figure"].partition("?")
     return render(
         request,
         "day.html",
         summary=summary,
         said=answer_words(summary.searched.answer),
-        links=day_links(wanted, origins[0]),
+        links=links,
+        figure=figure.removesuffix(".svg"),
+        tail=f"?{tail}" if tail else "",
         month=f"/days?from={month}&to={(month + timedelta(days=32)).replace(day=1) - timedelta(days=1)}",
         origin=origins[0],
         is_real=origins[0] in REAL_ORIGINS,

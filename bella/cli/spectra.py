@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from bella.cli.options import AsJson, check_file, check_output, day_option, instant, know_updates
+from bella.cli.options import AsJson, check_file, check_output, instant, know_updates
 from bella.cli.output import (
     answer,
     frame_rows,
@@ -24,6 +24,7 @@ from bella.cli.output import (
 )
 from bella.exceptions import BellaError, InputError
 from bella.flags import REJECTED
+from bella.times import parse_day
 
 if TYPE_CHECKING:
     import numpy as np
@@ -328,7 +329,7 @@ def simulate(  # noqa: PLR0913, PLR0917 - one argument per option
     written = folder / "truth.json" if truth is None else truth
     if truth is not None:
         check_output(truth, "--truth")
-    start = day_option(first, "--from")
+    start = parse_day(first, "--from")
     know_updates()
     from bella.simulation.archive_days import simulate_days
 

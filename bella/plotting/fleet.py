@@ -11,9 +11,10 @@ import xarray as xr
 
 from bella.exceptions import NoDataError
 from bella.flags import LOCALISABLE, REJECTED
+from bella.plotting.export import write_whole
 from bella.plotting.palette import BRIGHTNESS_SCALE, FREQUENCY_TICKS_MHZ
 from bella.plotting.printed import require_columns
-from bella.plotting.svg import Scale, element, figure, line, picture, time_of_day, unix_s, words, write_whole
+from bella.plotting.svg import Scale, element, figure, line, picture, time_of_day, unix_s, words
 from bella.spectra import over_background
 from bella.units import DAY_S, FloatArray
 
@@ -75,6 +76,14 @@ def write_day_svg(path: Path, day: date, spectra: Sequence[xr.Dataset], detectio
     drawn_day = figure("day", (WIDTH, height), title, *drawn, *_hours(time, height - FOOT))
     # without a style of its own: it becomes a part of the page
     write_whole(path, drawn_day)
+
+
+def day_caption(day: date) -> str:
+    """What the figure of a day shows, for a file of its own."""
+    return (
+        f"Dynamic spectra of {day}, dB over the background; grey: no data. Outlined: what was found. Green: localised, "
+        "blue: other bursts, dashed: rejected."
+    )
 
 
 def _panel(over: xr.Dataset, time: Scale, top: float, detections: pd.DataFrame) -> Iterator[str]:

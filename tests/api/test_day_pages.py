@@ -21,7 +21,7 @@ GROUP = {"tier": "catalogued", "reason": "not localisable: received by 2 of 3 sp
 REFUSED = {"tier": "rejected", "reason": "few_channels_above_0.8_mhz", "burst_id": ""}
 
 TABLE = '<table class="days">'
-DRAWN = '<svg xmlns="http://www.w3.org/2000/svg" class="figure day"><title>day</title></svg>'
+DRAWN = '<svg class="figure day" viewBox="0 0 400 100"><title>day</title></svg>'
 
 
 @pytest.fixture(scope="module")
@@ -97,17 +97,17 @@ def test_bad_questions_are_answered_in_one_line_and_on_the_page(reader: TestClie
 
 
 def test_the_figure_is_sent_once_and_again_when_it_was_redrawn(reader: TestClient, home: Settings) -> None:
-    first = reader.get("/api/v1/days/2020-07-21/figure")
+    first = reader.get("/api/v1/days/2020-07-21/figure.svg")
     assert (first.status_code, first.headers["content-type"]) == (200, "image/svg+xml")
     known = {"If-None-Match": first.headers["etag"]}
-    assert reader.get("/api/v1/days/2020-07-21/figure", headers=known).status_code == 304
+    assert reader.get("/api/v1/days/2020-07-21/figure.svg", headers=known).status_code == 304
 
     home.day_figure(DAY.day).write_text(DRAWN.replace(">day<", ">redrawn<"))
-    again = reader.get("/api/v1/days/2020-07-21/figure", headers=known)
+    again = reader.get("/api/v1/days/2020-07-21/figure.svg", headers=known)
 
     assert again.status_code == 200
     assert ">redrawn</title>" in again.text
-    missing = reader.get("/api/v1/days/2020-07-22/figure")
+    missing = reader.get("/api/v1/days/2020-07-22/figure.svg")
     assert missing.status_code == 404
     assert "bella run --from 2020-07-22" in missing.json()["detail"]
 
