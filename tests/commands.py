@@ -71,8 +71,8 @@ class Sandbox:
         """Run ``bella`` with arguments."""
         return self.run(BELLA, *arguments, code=code)
 
-    def here(self, *arguments: str, code: int) -> subprocess.CompletedProcess[str]:
-        """Run ``bella`` in this process, which spares a start: for what is refused before anything is done."""
+    def here(self, *arguments: str, code: int = 0) -> subprocess.CompletedProcess[str]:
+        """Run ``bella`` in this process, which spares a start."""
         configured = structlog.get_config()
         with (
             mock.patch.dict(os.environ, self.environment, clear=True),

@@ -59,13 +59,13 @@ def test_localise_writes_table_and_draws(sandbox: Sandbox) -> None:
         "--draws",
         str(folder / "draws.zarr"),
     ]
-    sandbox.bella("localise", *arguments)
+    sandbox.here("localise", *arguments)
     lines = (folder / "out.csv").read_text().splitlines()
     heading = next(line for line in lines if not line.startswith("#"))
     assert heading.startswith("frequency_mhz,x_rsun,y_rsun,z_rsun,cov_xx_rsun2")
     assert len([line for line in lines if not line.startswith("#")]) == 3
     assert {path.name for path in folder.iterdir()} == {"arrivals.csv", "out.csv", "draws.zarr"}
-    again = sandbox.bella("localise", *arguments, code=2)
+    again = sandbox.here("localise", *arguments, code=2)
     assert "never overwritten" in one_line(again.stderr)
 
 
@@ -90,7 +90,7 @@ def test_foreign_file_in_place_of_the_catalogue_is_left_alone(sandbox: Sandbox) 
     path = sandbox.home / "catalogue.sqlite"
     path.write_bytes(b"this is a letter to my aunt\n" * 200)
     before = path.read_bytes()
-    done = sandbox.bella("run", code=1)
+    done = sandbox.here("run", code=1)
     assert "bella: " in done.stderr.splitlines()[-1]
     assert "Traceback" not in done.stderr
     assert path.read_bytes() == before

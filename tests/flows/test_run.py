@@ -47,60 +47,56 @@ main()
 """
 
 
-@dataclass(frozen=True)
-class DirectRun:
-    """A home after two runs without Prefect that began at once, and what they printed."""
-
-    sandbox: Sandbox
-    both: tuple["CompletedProcess[str]", ...]
+DRAWS = "500"
 
 
 @dataclass(frozen=True)
 class AsPublished:
-    """A home with the errors and the speed of the paper's code too: after a run that was killed, and the next one."""
+    """A home with the errors and the speed of the paper's code too.
+
+    After a run that was killed came two without Prefect that began at once.
+    """
 
     before: Sandbox
     killed: "CompletedProcess[str]"
     rows_after_kill: dict[str, list[tuple[object, ...]]]
     groups_after_kill: list[str]
     sandbox: Sandbox
-    done: "CompletedProcess[str]"
+    both: tuple["CompletedProcess[str]", ...]
+
+    @property
+    def done(self) -> "CompletedProcess[str]":
+        """The run that published; where the other came after it, that one had nothing to do."""
+        return next(one for one in self.both if one.returncode == 0 and '"new": true' in one.stdout)
 
 
 @pytest.fixture(scope="module")
-def in_situ(tmp_path_factory: pytest.TempPathFactory) -> dict[str, str]:
-    """Variable that names a folder with the measured wind, where the reference files are here."""
+def variables(tmp_path_factory: pytest.TempPathFactory) -> dict[str, str]:
+    """Few draws, and a folder with the measured wind where the reference files are here."""
     folder = tmp_path_factory.mktemp("in-situ")
     if REFERENCE_FILES.is_dir():
         lists_of(folder, REFERENCE_FILES)
-    return {"BELLA_IN_SITU": str(folder)}
+    return {"BELLA_IN_SITU": str(folder), "BELLA_DRAWS": DRAWS}
 
 
 @pytest.fixture(scope="module")
-def first_run(tmp_path_factory: pytest.TempPathFactory, in_situ: dict[str, str]) -> FirstRun:
+def first_run(tmp_path_factory: pytest.TempPathFactory, variables: dict[str, str]) -> FirstRun:
     """The built-in event, run once with Prefect by a user who has nothing yet but the wind."""
-    sandbox = Sandbox.within(tmp_path_factory.mktemp("first"), **in_situ)
+    sandbox = Sandbox.within(tmp_path_factory.mktemp("first"), **variables)
     return sandbox, sandbox.bella("run")
 
 
 @pytest.fixture(scope="module")
-def direct_run(tmp_path_factory: pytest.TempPathFactory, in_situ: dict[str, str]) -> DirectRun:
-    """The same without Prefect, twice at once."""
-    sandbox = Sandbox.within(tmp_path_factory.mktemp("direct"), **in_situ)
-    with ThreadPoolExecutor(2) as pool:
-        waiting = [pool.submit(sandbox.bella, "run", "--direct", code=None) for _ in range(2)]
-    return DirectRun(sandbox, tuple(one.result() for one in waiting))
-
-
-@pytest.fixture(scope="module")
-def as_published(direct_run: DirectRun, tmp_path_factory: pytest.TempPathFactory) -> AsPublished:
+def as_published(first_run: FirstRun, tmp_path_factory: pytest.TempPathFactory) -> AsPublished:
     """After the default preset, the one of the paper's code, in a copy of the home."""
-    before, sandbox = direct_run.sandbox, Sandbox.within(tmp_path_factory.mktemp("published"))
+    before, sandbox = first_run[0], Sandbox.within(tmp_path_factory.mktemp("published"), BELLA_DRAWS=DRAWS)
     shutil.copytree(before.home, sandbox.home)
     killed = sandbox.run(sys.executable, "-c", KILLED, code=None)
     rows, groups = rows_of(sandbox), groups_of(sandbox)
-    done = sandbox.bella("run", "--direct", "--preset", "bella-2024", "--json")
-    return AsPublished(before, killed, rows, groups, sandbox, done)
+    command = ("run", "--direct", "--preset", "bella-2024", "--json")
+    with ThreadPoolExecutor(2) as pool:
+        waiting = [pool.submit(sandbox.bella, *command, code=None) for _ in range(2)]
+    return AsPublished(before, killed, rows, groups, sandbox, tuple(one.result() for one in waiting))
 
 
 def catalogue_of(sandbox: Sandbox) -> Catalogue:
@@ -135,9 +131,9 @@ def test_answer_is_the_same_in_run_list_show_and_api(first_run: FirstRun) -> Non
     assert (preferred.series.edge, preferred.series.preset) == ("shared_profile", "default")
     sentence = preferred.answer.sentence
     assert done.stdout.splitlines()[-1].startswith(f"{BURST}: {sentence} (shared_profile/posterior/default/2d, ")
-    shown = sandbox.bella("catalogue", "show", BURST).stdout.splitlines()
+    shown = sandbox.here("catalogue", "show", BURST).stdout.splitlines()
     assert shown[-1] == done.stdout.splitlines()[-1]
-    listed = json.loads(sandbox.bella("catalogue", "list", "--json").stdout)
+    listed = json.loads(sandbox.here("catalogue", "list", "--json").stdout)
     assert [one["answer"]["sentence"] for one in listed] == [sentence]
     with TestClient(create_app(Settings(home=sandbox.home, database_url=None))) as client:
         assert client.get(f"/api/v1/bursts/{BURST}/track").json()["sentence"] == sentence
@@ -232,25 +228,6 @@ def test_embedded_server_ends_with_the_command(first_run: FirstRun) -> None:
     assert running == []
 
 
-def test_without_prefect_the_same_comes_out(first_run: FirstRun, direct_run: DirectRun) -> None:
-    """Every row of results but times and names of groups; and the same words."""
-    (sandbox, done), other = first_run, direct_run.sandbox
-    alone = next(one for one in direct_run.both if one.returncode == 0)
-    assert not (other.home / "prefect").exists()
-    assert contents(sandbox) == contents(other)
-    assert done.stdout.splitlines()[-1] == alone.stdout.splitlines()[-1]
-
-
-def contents(sandbox: Sandbox) -> dict[str, object]:
-    found: dict[str, object] = {}
-    with closing(catalogue_of(sandbox)) as catalogue:
-        for one in catalogue.versions(BURST):
-            key = one.solution_id
-            rows, track = catalogue.localisations(key), catalogue.track_fit(key)
-            found[key] = (one.inputs_hash, one.store_sha256, one.answer, one.flags, one.preferred, rows, track)
-    return found
-
-
 def _environment(path: Path) -> str:
     try:
         return path.read_text(errors="replace")
@@ -305,7 +282,7 @@ def test_run_after_a_killed_one_finishes_another_series_and_leaves_the_answer_as
     before, after = rows_of(was), rows_of(now)
     assert set(before["solution"]) < set(after["solution"])
     assert after["preference"] == before["preference"]
-    (answer,), (same,) = (json.loads(one.bella("catalogue", "list", "--json").stdout) for one in (was, now))
+    (answer,), (same,) = (json.loads(one.here("catalogue", "list", "--json").stdout) for one in (was, now))
     assert same | {"solutions": []} == answer | {"solutions": []}
     with closing(catalogue_of(now)) as catalogue:
         found = catalogue.versions(BURST)
@@ -316,14 +293,11 @@ def test_run_after_a_killed_one_finishes_another_series_and_leaves_the_answer_as
     ]
 
 
-def test_two_runs_at_once_end_with_one_result(direct_run: DirectRun) -> None:
-    assert 0 in {one.returncode for one in direct_run.both}
-    for one in direct_run.both:
+def test_two_runs_at_once_end_with_one_result(as_published: AsPublished) -> None:
+    assert 0 in {one.returncode for one in as_published.both}
+    for one in as_published.both:
         assert one.returncode == 0 or (one.returncode == 1 and "is being done by" in one.stderr), one.stderr
         assert "Traceback" not in one.stderr
-    with closing(catalogue_of(direct_run.sandbox)) as catalogue:
-        assert [one.version for one in catalogue.versions(BURST)] == [1] * 4
-        assert [one.series.edge for one in catalogue.versions(BURST) if one.preferred] == ["shared_profile"]
 
 
 def test_measured_wind_reaches_the_solution_and_its_figure(first_run: FirstRun, reference_files: Path) -> None:
@@ -337,10 +311,10 @@ def test_measured_wind_reaches_the_solution_and_its_figure(first_run: FirstRun, 
     assert "set BELLA_REGIONS" in track["companions"]["footpoint"]["regions"]["reason"]
 
 
-def test_damage_in_the_store_is_named(direct_run: DirectRun, tmp_path: Path) -> None:
+def test_damage_in_the_store_is_named(first_run: FirstRun, tmp_path: Path) -> None:
     sandbox = Sandbox.within(tmp_path)
-    shutil.copytree(direct_run.sandbox.home, sandbox.home)
-    assert "5 groups" in sandbox.bella("store", "verify").stdout
+    shutil.copytree(first_run[0].home, sandbox.home)
+    assert "5 groups" in sandbox.here("store", "verify").stdout
     with closing(catalogue_of(sandbox)) as catalogue:
         posterior, *_ = (one.store_path for one in catalogue.stored_groups() if one.sha256)
         (spectra,) = (one.store_path for one in catalogue.stored_groups() if one.sha256 is None)
@@ -351,7 +325,7 @@ def test_damage_in_the_store_is_named(direct_run: DirectRun, tmp_path: Path) -> 
     chunk.write_bytes(content)
     shutil.rmtree(sandbox.home / "store" / spectra)
 
-    done = sandbox.bella("store", "verify", "--json", code=1)
+    done = sandbox.here("store", "verify", "--json", code=1)
 
     found = json.loads(done.stdout)
     assert {row["store_path"] for row in found["damaged"]} == {posterior, spectra}
@@ -362,15 +336,15 @@ def test_damage_in_the_store_is_named(direct_run: DirectRun, tmp_path: Path) -> 
 
 def test_catalogue_and_status_tell_of_the_run(first_run: FirstRun) -> None:
     sandbox, _ = first_run
-    listed = json.loads(sandbox.bella("catalogue", "list", "--json").stdout)
+    listed = json.loads(sandbox.here("catalogue", "list", "--json").stdout)
     assert [row["burst_id"] for row in listed] == [BURST]
-    status = json.loads(sandbox.bella("status", "--json").stdout)
+    status = json.loads(sandbox.here("status", "--json").stdout)
     assert {(run["subject"], run["state"]) for run in status["runs"]} == {(BURST, "done"), ("store", "done")}
     assert status["waiting"] == 0
-    shown = sandbox.bella("catalogue", "show", BURST).stdout
+    shown = sandbox.here("catalogue", "show", BURST).stdout
     assert "v_sw, km/s" in shown
     assert "gauss_hermite" in shown
-    unknown = sandbox.bella("catalogue", "show", "T3-19990101-0000", code=1)
+    unknown = sandbox.here("catalogue", "show", "T3-19990101-0000", code=1)
     assert unknown.stderr.startswith("bella: ")
     assert unknown.stderr.count("\n") == 1
 
