@@ -1,6 +1,7 @@
 """How often simulated bursts like a real one were answered rightly, as the replies, the page and the lists say it."""
 
 from collections.abc import Sequence
+from functools import cache
 
 from pydantic import Field
 
@@ -76,4 +77,10 @@ def calibration_of(solution: Solution, observatories: Sequence[str]) -> Calibrat
         preset=series.preset,
         origin=solution.origin,
     )
+    return _reply_of(real)
+
+
+@cache
+def _reply_of(real: Answered) -> CalibrationReply:
+    """Reply for one way of answering: there are few, and every burst of a list has one."""
     return CalibrationReply.of(tried(real))

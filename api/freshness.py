@@ -16,8 +16,7 @@ from api.links import own_path
 from bella import __version__
 from bella.catalogue import Solution
 
-AS_THEY_ARE = ("/static/", "/api/v1/alerts/stream")
-"""Addresses that answer HEAD and tags by themselves, or have no end."""
+ENDLESS = "/api/v1/alerts/stream"
 
 STARTED_UTC = datetime.now(UTC)
 SETTLED = timedelta(seconds=60)
@@ -68,10 +67,11 @@ def last_modified(*changed: datetime | None) -> dict[str, str]:
 
 def is_known(request: Request, tag: str, modified: str | None = None) -> bool:
     """Whether the reader has this entity already, by its tag, or else by its Last-Modified (RFC 9110, 13.2.2)."""
-    return _has(request.headers, tag, modified)
+    return has_entity(request.headers, tag, modified)
 
 
-def _has(asked: Headers, tag: str, modified: str | None) -> bool:
+def has_entity(asked: Headers, tag: str, modified: str | None) -> bool:
+    """Whether the headers of a request say that the reader has this entity."""
     if "if-none-match" in asked:
         known = {part.strip().removeprefix("W/") for part in asked["if-none-match"].split(",")}
         return tag.removeprefix("W/") in known or "*" in known
@@ -97,6 +97,11 @@ def not_modified(tag: str) -> Response:
     return Response(status_code=304, headers={"ETag": tag, "Cache-Control": REVALIDATE})
 
 
+def not_modified_headers(whole: Headers) -> MutableHeaders:
+    """Headers of a 304, of those of the whole reply."""
+    return MutableHeaders({name: whole[name] for name in ("etag", "cache-control", "vary") if name in whole})
+
+
 class Revalidated:
     """Gives every whole reply an entity tag, answers 304 to who has it already, and HEAD as GET without the body.
 
@@ -110,7 +115,7 @@ class Revalidated:
         """Pass the request on, as GET where it is HEAD, and mark the reply."""
         path = own_path(scope)
         asked = scope["type"] == "http" and scope["method"] in {"GET", "HEAD"}
-        if not asked or path.startswith(AS_THEY_ARE) or "/posterior.zarr/" in path:
+        if not asked or path == ENDLESS or "/posterior.zarr/" in path:
             await self.app(scope, receive, send)
             return
         is_head = scope["method"] == "HEAD"
@@ -146,9 +151,8 @@ class _Reply:
                 content = headers.get("content-type", "").encode() + body.get("body", b"")
                 headers["ETag"] = f'W/"{hashlib.sha256(content).hexdigest()[:32]}"'
                 headers.setdefault("Cache-Control", REVALIDATE)
-            if "etag" in headers and _has(self.asked, headers["etag"], headers.get("last-modified")):
-                kept = [(name, headers[name]) for name in ("etag", "cache-control", "vary") if name in headers]
-                raw = [(name.encode(), value.encode()) for name, value in kept]
+            if "etag" in headers and has_entity(self.asked, headers["etag"], headers.get("last-modified")):
+                raw = not_modified_headers(headers).raw
                 self.start = {"type": "http.response.start", "status": 304, "headers": raw}
                 self.without_body = True
         self.is_over = self.without_body

@@ -3,6 +3,7 @@
 from collections.abc import Sequence
 from dataclasses import asdict
 from datetime import date, datetime
+from functools import lru_cache
 from typing import Any, Literal
 from urllib.parse import urlencode
 
@@ -67,6 +68,12 @@ def said_of(solution: Solution) -> dict[str, Any]:
     }
 
 
+@lru_cache(maxsize=1000)
+def _pick(edge: str, method: str, preset: str, version: int) -> str:
+    """Query of an address that picks a version of a series: a list has many, and few that differ."""
+    return urlencode({"edge": edge, "method": method, "preset": preset, "version": version})
+
+
 class SolutionReply(Said):
     """One localisation of one burst; nothing of it but `preferred` changes once it is published."""
 
@@ -110,9 +117,7 @@ class SolutionReply(Said):
         series = solution.series
         burst = linked(f"{API}/bursts/{solution.burst_id}")
         own = linked(f"{API}/solutions/{solution.solution_id}")
-        pick = urlencode(
-            {"edge": series.edge, "method": series.method, "preset": series.preset, "version": solution.version}
-        )
+        pick = _pick(series.edge, series.method, series.preset, solution.version)
         numbers = solution.answer.model_dump(exclude={"tier", "grade", "sentence", "has_track"})
         return cls(
             **said_of(solution),
@@ -288,6 +293,11 @@ class TrackFitReply(Reply):
         description="What other methods say: `semp`, `weighted`, `piecewise`, `density_excess`, `scattering`, "
         "`footpoint`, `wind`, `triangulation`, `fused`, `models`. Each has `flags`; with `not_computed` it "
         "has a `reason` and nothing else.",
+    )
+    companions_pending: bool = Field(
+        default=False,
+        description="Whether `companions` are still being computed: they follow within minutes under the same id, "
+        "unless a newer version comes first; nothing else of the solution changes.",
     )
     published: dict[str, Json] | None = Field(default=None, description="What a paper says of this track, if it does.")
 

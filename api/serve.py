@@ -7,7 +7,6 @@ from typing import Any
 
 import h11
 import uvicorn
-from fastapi import FastAPI
 
 from api.reason_phrases import PhrasedProtocol
 
@@ -92,17 +91,17 @@ def options() -> dict[str, Any]:
     }
 
 
-def run(app: FastAPI | str, host: str, port: int) -> None:
-    """Serve an application until the process is told to end.
+def run(host: str, port: int, processes: int = 1) -> None:
+    """Serve the application of the environment until the process is told to end.
 
     Parameters
     ----------
-    app : FastAPI or str
-        The application, or where the function that makes it is.
     host : str
     port : int
+    processes : int
+        That answer side by side; one that ends is started again.
     """
-    uvicorn.run(app, host=host, port=port, factory=isinstance(app, str), **options())
+    uvicorn.run("api.app:create_app", host=host, port=port, workers=processes, factory=True, **options())
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
@@ -110,8 +109,9 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser = argparse.ArgumentParser(prog="python -m api.serve", description=__doc__)
     parser.add_argument("--host", default="127.0.0.1")
     parser.add_argument("--port", type=int, default=8000)
+    parser.add_argument("--processes", type=int, default=1)
     given = parser.parse_args(arguments)
-    run("api.app:create_app", given.host, given.port)
+    run(given.host, given.port, given.processes)
 
 
 if __name__ == "__main__":

@@ -274,6 +274,9 @@ class Track(Record):
     two_step: dict[str, Any] = Field(default_factory=dict)
     two_step_other_rotations: dict[str, dict[str, Any]] = Field(default_factory=dict)
     companions: dict[str, dict[str, Any]] = Field(default_factory=dict)
+    companions_pending: bool = Field(
+        default=False, description="Whether `companions` are still being computed: they follow under the same id."
+    )
     preliminary: PreliminaryLevel | None = Field(
         default=None, description="Of a burst that only two spacecraft had heard before: how well that held."
     )

@@ -6,7 +6,7 @@ from typing import Any
 from urllib.parse import urlencode
 
 import numpy as np
-from fastapi import APIRouter, Request, Response
+from fastapi import APIRouter, Request
 from fastapi.responses import HTMLResponse, RedirectResponse
 from markupsafe import Markup
 from pydantic import ValidationError
@@ -14,7 +14,6 @@ from pydantic import ValidationError
 from api.addresses import burst_links
 from api.asking import asked_of, fault_words
 from api.drawing import places_of
-from api.freshness import IMMUTABLE
 from api.queries import NEWEST_FIRST, BurstFilter
 from api.rendering import render
 from api.selection import sector_address, selection_of, selection_query
@@ -23,7 +22,7 @@ from bella.answer import GRADES
 from bella.catalogue import BurstPage, BurstQuery, BurstSummary, Catalogue
 from bella.exceptions import InputError, NoDataError
 from bella.flags import FLAGS, HARMLESS_FLAGS
-from bella.plotting import figure_style, thumbnail
+from bella.plotting import thumbnail
 from bella.records import ALL_ORIGINS, REAL_ORIGINS, Origin
 from bella.spacecraft import OBSERVATORIES
 
@@ -55,7 +54,7 @@ FARTHEST = 1.3
 RECENT_DAYS = (7, 30, 365)
 
 MOST_PICTURES = 200
-"""Beyond so many rows a list has no pictures of tracks: each is a look into the catalogue."""
+"""Beyond so many rows a list has no pictures of tracks."""
 
 
 @router.get("/")
@@ -108,12 +107,6 @@ def latest(catalogue: CatalogueHere) -> RedirectResponse:
     return RedirectResponse(burst_links(newest[0].burst)["page"], 302)
 
 
-@router.get("/static/figure.css")
-def style() -> Response:
-    """Style sheet of the figures, on pages and in files the same."""
-    return Response(figure_style(), media_type="text/css", headers={"Cache-Control": IMMUTABLE})
-
-
 def _answer(catalogue: Catalogue, asked: dict[str, Any]) -> tuple[BurstPage | None, str | None]:
     """Page of bursts, or what is wrong with the question."""
     try:
@@ -140,18 +133,20 @@ def _plots(catalogue: Catalogue, asked: dict[str, Any]) -> dict[str, Any]:
 
 
 def _pictured(catalogue: Catalogue, bursts: Sequence[BurstSummary]) -> list[tuple[BurstSummary, Markup | None]]:
-    is_drawn = len(bursts) <= MOST_PICTURES
-    return [(one, _picture(catalogue, one) if is_drawn and one.preferred else None) for one in bursts]
+    """Bursts, each beside the picture of the track of its preferred solution; none of any where they are many."""
+    answers = [one.preferred for one in bursts if one.preferred] if len(bursts) <= MOST_PICTURES else []
+    places = catalogue.places_of([one.solution_id for one in answers])
+    drawn = {one.burst_id: places[one.solution_id] for one in answers}
+    return [(one, _picture(one, drawn[one.burst.burst_id]) if one.burst.burst_id in drawn else None) for one in bursts]
 
 
-def _picture(catalogue: Catalogue, summary: BurstSummary) -> Markup:
+def _picture(summary: BurstSummary, found: Sequence[tuple[float, float]]) -> Markup:
     """Small picture of the track of the preferred solution."""
     burst, best = summary.burst, summary.preferred
     assert best is not None  # noqa: S101 - the caller has looked
-    rows = sorted(catalogue.localisations(best.solution_id), key=lambda row: row.frequency_mhz)
     answer = best.answer
     reach = FARTHEST * (answer.range_high_rsun or np.inf)
-    places = np.array([(row.x_rsun, row.y_rsun) for row in rows]).reshape(-1, 2)
+    places = np.array(found).reshape(-1, 2)
     places = places[np.hypot(*places.T) <= reach]
     ends = None
     if answer.phi0_low_deg is not None and answer.phi0_high_deg is not None:

@@ -86,9 +86,13 @@ def bursts(engine: Engine, query: BurstQuery) -> BurstPage:
     """
     check_limit(query.limit)
     order = _order(query.sort)
-    found = select(BURSTS, order[0].column.label("sorted_by")).select_from(with_answers()).where(*burst_filters(query))
+    filters = burst_filters(query)
+    found = select(BURSTS, order[0].column.label("sorted_by")).select_from(with_answers()).where(*filters)
+    # the databases read the answers of all bursts even to count bursts alone
+    of_answers = any(ANSWERS in one._from_objects for one in filters)
+    counted = select(func.count()).select_from(with_answers() if of_answers else BURSTS).where(*filters)
     with reading(engine) as connection:
-        page = read_page(connection, query, found, order)
+        page = read_page(connection, query, found, order, counted)
         return BurstPage(_summaries(connection, page.rows), page.next_cursor, page.total)
 
 

@@ -4,11 +4,15 @@ import csv
 import io
 import json
 from collections.abc import Iterable, Iterator, Mapping
+from itertools import islice
 
 import numpy as np
 
 from bella.formats.columns import Column, Schema
 from bella.formats.record_table import RecordTable, Values, iso_stamps, plain_rows
+
+ITEMS_AT_ONCE = 100
+"""Items of a list of JSON that make one piece."""
 
 
 def csv_text(table: RecordTable) -> bytes:
@@ -64,10 +68,11 @@ def json_pieces(schema: Schema, header: Mapping[str, str], tables: Iterable[Reco
 
 def json_list(above: str, items: Iterable[str], below: str) -> Iterator[bytes]:
     """A JSON list piece by piece, between what stands above and below it."""
-    yield above.encode()
-    for number, item in enumerate(items):
-        yield (item if number == 0 else f", {item}").encode()
-    yield below.encode()
+    rest, before = iter(items), above
+    while some := list(islice(rest, ITEMS_AT_ONCE)):
+        yield (before + ", ".join(some)).encode()
+        before = ", "
+    yield ((above if before is above else "") + below).encode()
 
 
 def _json(value: object) -> str:

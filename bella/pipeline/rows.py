@@ -9,9 +9,19 @@ from typing import TypeVar
 import numpy as np
 import xarray as xr
 
-from bella.catalogue import BurstQuery, BurstSummary, Catalogue, DaySummary, KnownEvent, Solution, SolutionTimes
+from bella.catalogue import (
+    BurstQuery,
+    BurstSummary,
+    Catalogue,
+    DaySummary,
+    EventQuery,
+    KnownEvent,
+    Solution,
+    SolutionTimes,
+)
 from bella.exceptions import InputError
 from bella.formats import track_numbers
+from bella.linked_events import Link
 from bella.records import REAL_ORIGINS, Origin
 
 Row = dict[str, object]
@@ -140,6 +150,16 @@ def all_days(
         cursor = page.next_cursor
 
 
+def all_events(catalogue: Catalogue, query: EventQuery) -> Iterator[KnownEvent]:
+    """Published events of all pages of a query."""
+    while True:
+        page = catalogue.events.events(query)
+        yield from page.events
+        if page.next_cursor is None:
+            return
+        query = replace(query, cursor=page.next_cursor)
+
+
 def latency_row(solution_id: str, times: SolutionTimes) -> Row:
     """Row of a solution in the table of latencies."""
     row: Row = {**asdict(times), "solution_id": solution_id, "burst_id": solution_id.partition(".")[0]}
@@ -151,13 +171,18 @@ def latency_row(solution_id: str, times: SolutionTimes) -> Row:
 
 def event_rows(catalogue: Catalogue, known: KnownEvent) -> Iterator[Row]:
     """Rows of a published event, one for each burst that it is near to; one row without a burst where there is none."""
-    own = asdict(known.event) | {"observatory": known.event.observer}
     if not known.bursts:
-        yield own
+        yield asdict(known.event) | {"observatory": known.event.observer}
     for burst_id, delay_s in known.bursts.items():
-        preferred = catalogue.burst(burst_id).preferred
-        said = {**preferred.answer.model_dump(), "solution_id": preferred.solution_id} if preferred else {}
-        yield {**said, **own, "burst_id": burst_id, "delay_s": delay_s}
+        yield link_row(Link(known.event, delay_s), catalogue.burst(burst_id))
+
+
+def link_row(link: Link, near: BurstSummary) -> Row:
+    """Row of a published event and a burst that it is near to."""
+    preferred = near.preferred
+    said = {**preferred.answer.model_dump(), "solution_id": preferred.solution_id} if preferred else {}
+    own = asdict(link.event) | {"observatory": link.event.observer}
+    return {**said, **own, "burst_id": near.burst.burst_id, "delay_s": link.delay_s}
 
 
 def _series(solution: Solution) -> Row:

@@ -100,6 +100,30 @@ def test_every_route_has_words_examples_and_errors(described: dict[str, Any]) ->
                 assert parameter["schema"].get("examples") or parameter.get("examples"), (path, parameter["name"])
 
 
+def test_links_between_operations_lead_somewhere(client: TestClient, described: dict[str, Any]) -> None:
+    known = {one["operationId"]: (path, method) for path, method, one in operations(described)}
+    followed, some = 0, client.get("/api/v1/solutions").json()["solutions"][0]["solution_id"]
+    for path, method, one in operations(described):
+        reply = next(reply for status, reply in one["responses"].items() if status.startswith("2"))
+        for link in reply.get("links", {}).values():
+            ((parameter, expression),) = link["parameters"].items()
+            target, target_method = known[link["operationId"]]
+            assert f"{{{parameter}}}" in target, (path, link)
+            if (method, target_method) != ("get", "get") or "days" in path or "arrivals/" in path:
+                continue
+            node = client.get(path.format(burst_id=BURST_ID, solution_id=some)).json()
+            for step in expression.removeprefix("$response.body#/").split("/"):
+                node = node[int(step) if step.isdigit() else step]
+            assert (
+                client.get(
+                    target.format(**{parameter: node}), params={"frequency_mhz": 1} if "regions" in target else {}
+                ).status_code
+                == 200
+            ), link
+            followed += 1
+    assert followed > 20
+
+
 def test_the_front_door_has_counts_and_links_that_lead_somewhere(client: TestClient) -> None:
     said = client.get("/api/v1").json()
     assert said["counts"] == {

@@ -14,9 +14,10 @@ from bella.catalogue import Catalogue, ListRead
 from bella.linked_events import Event, Link
 from bella.settings import Settings
 from tests.api.published import published, settings_of, synthetic_burst
-from tests.plotting.synthetic import BURST_ID
+from tests.plotting.synthetic import BURST_ID, synthetic_track_fit
 
 API_PAGE = Path(__file__).parents[2] / "docs" / "api.md"
+FOLLOW = "What other methods and models say follows within minutes"
 HTML = {"Accept": "text/html"}
 ROW = re.compile(r'<th scope="row" class="when"><a href="/bursts/(T3-[0-9-]+)"')
 
@@ -26,6 +27,24 @@ def page(client: TestClient, path: str, status: int = 200) -> str:
     assert reply.status_code == status, reply.text
     assert reply.headers["content-type"].startswith("text/html")
     return re.sub(r"\s+", " ", reply.text)
+
+
+def test_a_burst_whose_companions_are_not_there_yet_says_that_they_follow(tmp_path: Path) -> None:
+    settings, fit = settings_of(tmp_path / "home"), synthetic_track_fit("half_maximum")
+    early = fit | {"companions": {}, "companions_pending": True}
+    with Catalogue.open(settings.catalogue_url, create=True) as catalogue, TestClient(create_app(settings)) as client:
+        solution = published(settings, catalogue, track_fit=early)
+        address = f"/api/v1/bursts/{BURST_ID}/track"
+        first = client.get(address)
+        assert first.json()["track_fit"]["companions_pending"]
+        assert first.json()["track_fit"]["companions"] == {}
+        assert FOLLOW in page(client, f"/bursts/{BURST_ID}")
+        catalogue.add_companions(solution.solution_id, fit["companions"])
+        later = client.get(address, headers={"If-None-Match": first.headers["etag"]})
+        assert later.status_code == 200, "what a reader has kept is not all any more"
+        assert not later.json()["track_fit"]["companions_pending"]
+        assert later.json()["track_fit"]["companions"].keys() == fit["companions"].keys()
+        assert FOLLOW not in page(client, f"/bursts/{BURST_ID}")
 
 
 def test_catalogue_lists_all_bursts(client: TestClient) -> None:
@@ -193,7 +212,7 @@ def test_nothing_on_a_page_comes_from_elsewhere(client: TestClient) -> None:
 
 
 def test_style_of_figures_is_kept_by_browsers(client: TestClient) -> None:
-    reply = client.get("/static/figure.css")
+    reply = client.get("/static/figure.css?v=1")
     assert "immutable" in reply.headers["cache-control"]
     assert reply.headers["content-type"].startswith("text/css")
     assert "prefers-color-scheme: dark" in reply.text

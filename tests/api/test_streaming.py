@@ -32,6 +32,7 @@ def settings(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Settings:
     """Five bursts that are read one by one."""
     monkeypatch.setattr("api.tables.PAGE", 1)
     monkeypatch.setattr("bella.pipeline.rows.AT_ONCE", 1)
+    monkeypatch.setattr("bella.formats.text.ITEMS_AT_ONCE", 2)
     found = settings_of(tmp_path)
     with Catalogue.open(found.catalogue_url, create=True) as catalogue:
         for number in range(5):

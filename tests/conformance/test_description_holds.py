@@ -16,7 +16,8 @@ import schemathesis
 from fastapi import FastAPI
 from fastapi.testclient import TestClient
 from hypothesis import HealthCheck, Phase, given, settings
-from schemathesis.specs.openapi.checks import positive_data_acceptance
+from hypothesis.stateful import run_state_machine_as_test
+from schemathesis.specs.openapi.checks import negative_data_rejection, positive_data_acceptance
 
 from api.app import create_app
 from bella.catalogue import Catalogue
@@ -30,6 +31,9 @@ CASES = int(os.environ.get("BELLA_API_CASES", "8"))
 WITHOUT_AN_END = {"alerts_stream"}
 NOT_SAID = [positive_data_acceptance]
 """That a start is before its stop, or a cursor one of ours, no schema can say."""
+
+LENIENT = negative_data_rejection
+"""A parameter that is empty, as in the query of a form, counts as left out."""
 
 QUIET = settings(
     max_examples=CASES,
@@ -96,6 +100,27 @@ def test_every_reply_is_one_that_is_described(app: FastAPI, operations: dict[str
 
     ask()
     assert seen.total() > 0
+
+
+def test_replies_lead_from_operation_to_operation(app: FastAPI, schema: Any) -> None:
+    """Walks along the links of the description, with values of earlier replies: from list to burst to track."""
+    steps = Counter[tuple[str, str]]()
+
+    class Walk(schema.exclude(operation_id=sorted(WITHOUT_AN_END)).as_state_machine()):  # type: ignore[misc]
+        def validate_response(self, response: Any, case: Any, **_: Any) -> None:
+            case.validate_response(response, excluded_checks=[*NOT_SAID, LENIENT])
+            steps[case.operation.definition.raw["operationId"], str(response.status_code)] += 1
+
+    run_state_machine_as_test(Walk, settings=settings(QUIET, stateful_step_count=8, max_examples=CASES))
+    led = {name for name, status in steps if status == "200"} & {
+        "burst",
+        "track",
+        "versions",
+        "burst_events",
+        "solution",
+        "day",
+    }
+    assert led, "values of replies were used"
 
 
 def test_links_of_replies_are_followed(app: FastAPI) -> None:

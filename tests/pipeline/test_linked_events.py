@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from bella.archive import COMPANIONS
+from bella.archive import find_datasets
 from bella.catalogue import Catalogue, EventQuery, ListRead
 from bella.exceptions import InputError
 from bella.pipeline.ingest import feeds
@@ -274,7 +274,7 @@ def test_a_folder_that_is_not_there_is_named(folder: Callable[[Path], Path | Non
 def test_the_fetcher_brings_the_daily_flares_of_noaa(tmp_path: Path) -> None:
     settings = Settings(home=tmp_path, database_url=None, events=tmp_path / "lists", recent_days=5)
     day = datetime(2012, 6, 7, tzinfo=UTC).date()
-    (flares,) = (one for one in COMPANIONS if one.kind == "events")
+    (flares,) = find_datasets(["NOAA_EVENTS"])
     (feed,) = (one for one in feeds(settings, day) if one.datasets == (flares,))
     assert (feed.root, feed.target) == (settings.regions_archive, tmp_path / "lists")
     assert flares.folders(day) == ("stp/space-weather/swpc-products/daily_reports/solar_event_reports/2012/06",)
