@@ -1,4 +1,4 @@
-"""Which spacecraft heard the same burst, and what may be placed."""
+"""Which spacecraft received the same burst, and what may be placed."""
 
 from dataclasses import replace
 from datetime import date
@@ -115,11 +115,11 @@ def test_an_arc_that_all_spacecraft_hear_is_not_placed() -> None:
 def test_a_burst_heard_late_and_low_is_looked_for_where_another_spacecraft_heard_it() -> None:
     what = sky([burst_at(5.0, phi0_deg=0.0, directivity=0.35, contrast=300.0)])
     found = searched(what, tuple(FLEET))
-    heard = [set(burst.observatories) for burst in associate(found)]
+    received = [set(burst.observatories) for burst in associate(found)]
 
-    assert len(heard) == 1
+    assert len(received) == 1
     alone = {one.observatory for one in found if any(not candidate.reason for candidate in one.found)}
-    assert alone <= heard[0]
+    assert alone <= received[0]
 
 
 def assert_each_detection_once(found: list[Searched], bursts: list[AssociatedBurst]) -> None:
