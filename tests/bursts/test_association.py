@@ -170,7 +170,7 @@ def test_the_group_of_2010_01_17_is_not_placed(days_2010: list[Searched]) -> Non
     assert LOCALISABLE not in set(table["tier"])
 
 
-def test_the_burst_at_11_46_is_heard_by_two(days_2010: list[Searched]) -> None:
+def test_the_burst_at_11_46_is_received_by_two(days_2010: list[Searched]) -> None:
     (burst,) = [one for one in associate(days_2010) if one.burst_id == "T3-20100117-1146"]
 
     assert burst.observatories == ("STEREO-A", "WIND")
@@ -195,7 +195,7 @@ def test_of_2020_07_21_the_single_burst_is_placed_and_groups_are_not(days_2020: 
 
 
 @pytest.mark.parametrize("start", ["02:53", "06:23", "07:03", "07:20"])
-def test_bursts_of_2020_07_21_are_heard_by_all_three(days_2020: list[Searched], start: str) -> None:
+def test_bursts_of_2020_07_21_are_received_by_all_three(days_2020: list[Searched], start: str) -> None:
     bursts = {burst.burst_id: burst for burst in associate(days_2020)}
 
     assert set(bursts[f"T3-20200721-{start.replace(':', '')}"].observatories) == {"WIND", "STEREO-A", "PSP"}
