@@ -261,8 +261,9 @@ def report(name: str, some: Sequence[Kind], cpu: dict[str, tuple[float, float, f
     )
     Console(width=110).print(table)
     asked = times.size + found.lost
+    answered = 100 * (1 - (found.lost + found.refused) / asked)
     print(
-        f"{name}: {asked} requests, {100 * (1 - (found.lost + found.refused) / asked):.2f} % answered; CPU of the service "
+        f"{name}: {asked} requests, {answered:.2f} % answered; CPU of the service "
         f"{found.cpu_ms:.1f} ms a request, of this generator {found.own_cpu_ms:.1f} ms"
     )
     return [(f"API on {name}: CPU of a request of the mix", f"{mean_ms:.1f} ms", "8 ms")]
