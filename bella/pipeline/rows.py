@@ -111,7 +111,7 @@ def arrival_rows(solution: Solution, posterior: xr.Dataset, observatory: str | N
     receiver = posterior["receiver_rsun"].to_numpy()
     rows: list[Row] = []
     for column, name in enumerate(names):
-        heard = np.flatnonzero(np.isfinite(posterior["arrival_s"].to_numpy()[:, column]))
+        received = np.flatnonzero(np.isfinite(posterior["arrival_s"].to_numpy()[:, column]))
         rows += [
             {
                 **{key: float(values[row, column]) for key, values in numbers.items()},
@@ -123,7 +123,7 @@ def arrival_rows(solution: Solution, posterior: xr.Dataset, observatory: str | N
                 "frequency_mhz": float(posterior["frequency"][row]),
                 "arrival_utc": times[row, column],
             }
-            for row in heard
+            for row in received
             if observatory in {None, name}
         ]
     return rows

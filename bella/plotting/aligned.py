@@ -1,7 +1,7 @@
 """Spectra of all spacecraft on the clock of the Sun, one above the other, with the edges that were timed on them.
 
 What each spacecraft received is drawn earlier by the time that light takes to it from the Sun. A source at the Sun
-would then be heard at one time by all; what is left between them is where the source was.
+would then be received at one time by all; what is left between them is where the source was.
 """
 
 from collections.abc import Mapping, Sequence
@@ -140,11 +140,11 @@ def _aligned_figure(clock: SunClock) -> Figure:
     for axes, name in zip(rows, clock.spectra, strict=True):
         _draw_spectrum(axes, clock.spectra[name], window)
         _draw_evolution(axes, clock.time_evolution[clock.time_evolution["observatory"] == name])
-        heard = clock.arrivals[clock.arrivals["observatory"] == name]
+        received = clock.arrivals[clock.arrivals["observatory"] == name]
         if axes is not rows[0]:
             _draw_reference(axes, clock.arrivals, next(iter(clock.spectra)))
         for index, edge in enumerate(edges):
-            _draw_edges(axes, heard[heard["edge"] == edge], track_style(edge, index))
+            _draw_edges(axes, received[received["edge"] == edge], track_style(edge, index))
         axes.set_title(name, loc="left", fontsize=10, pad=3)
         axes.set_title(f"{clock.light_time_s[name]:.1f} s of light taken off", loc="right", fontsize=8, color="0.4")
     _finish(figure, rows, clock, window)
@@ -185,7 +185,7 @@ def _draw_evolution(axes: Axes, curve: pd.DataFrame) -> None:
 
 
 def _draw_reference(axes: Axes, arrivals: pd.DataFrame, name: str) -> None:
-    """Line through the edges of the first spacecraft, which shows how much earlier or later another one heard it."""
+    """Line through the edges of the first spacecraft, which shows how much earlier or later another one received it."""
     good = arrivals[(arrivals["observatory"] == name) & ~is_flagged(arrivals)]
     line = good[good["edge"] == good["edge"].iloc[0]].sort_values("frequency_mhz") if len(good) else good
     if len(line) >= 2:
