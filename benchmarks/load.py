@@ -127,7 +127,7 @@ def kinds(made: Large) -> list[Kind]:
         Kind("page: burst", 5, _burst("", "/bursts/")),
         Kind("page: day", 3, lambda rng: f"/days/{rng.choice(made.days)}"),
         Kind("page: days", 1, _one_of("/days")),
-        Kind("figure", 2, _burst("/figures/constellation")),
+        Kind("figure", 2, _burst("/figures/constellation.svg")),
         Kind("static file", 10, _one_of(*STATIC)),
         Kind("static file, known", 4, _one_of(*STATIC), is_known=True),
     ]
