@@ -120,14 +120,6 @@ def test_nothing_is_older_than_the_software_that_writes_it(client: TestClient, m
     assert parsedate_to_datetime(client.get("/api/v1/bursts").headers["last-modified"]) == started
 
 
-def test_other_software_may_draw_other_figures(client: TestClient, monkeypatch: pytest.MonkeyPatch) -> None:
-    address = f"/api/v1/bursts/{BURST_ID}/figures/constellation"
-    known = {"If-None-Match": client.get(address).headers["etag"]}
-    assert client.get(address, headers=known).status_code == 304
-    monkeypatch.setattr("api.freshness.__version__", "another")
-    assert client.get(address, headers=known).status_code == 200
-
-
 @pytest.mark.usefixtures("settled")
 @pytest.mark.parametrize("query", ["", "&format=csv"])
 def test_detections_are_as_old_as_the_last_search(empty: Settings, query: str) -> None:
