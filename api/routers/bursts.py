@@ -1,6 +1,5 @@
 """Bursts, their versions, tracks and posteriors."""
 
-import dataclasses
 import math
 from collections.abc import Iterable, Iterator
 from dataclasses import replace
@@ -233,7 +232,7 @@ def table_header(solution: Solution) -> dict[str, str]:
 
 def _record(row: Localisation) -> dict[str, Any]:
     """Columns of one row; None where there is no number, which JSON has no other word for."""
-    columns = dataclasses.asdict(row)
+    columns = vars(row)
     return {
         name: None if isinstance(value, float) and not math.isfinite(value) else value
         for name, value in columns.items()

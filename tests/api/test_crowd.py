@@ -14,7 +14,7 @@ from bella.plotting.svg import element, figure
 from bella.settings import Settings
 from tests.api.published import ONSET, published, settings_of
 from tests.api.test_pages import page
-from tests.catalogue.test_detections import heard
+from tests.catalogue.test_detections import received
 from tests.plotting.synthetic import BURST_ID
 
 COUNT, NAMES = 1000, ("WIND", "STEREO-A", "STEREO-B")
@@ -30,11 +30,11 @@ def home(tmp_path_factory: pytest.TempPathFactory) -> Settings:
     """A day with a thousand bursts that three spacecraft received, and as many that were rejected."""
     settings = settings_of(tmp_path_factory.mktemp("crowd"))
     rows = [
-        heard(0, name, start_utc=onset(n), end_utc=onset(n + 1), burst_id=f"T3-{n:04d}")
+        received(0, name, start_utc=onset(n), end_utc=onset(n + 1), burst_id=f"T3-{n:04d}")
         for n in range(COUNT)
         for name in NAMES
     ]
-    rejected = [heard(0, start_utc=onset(n), tier="rejected", burst_id="") for n in range(COUNT)]
+    rejected = [received(0, start_utc=onset(n), tier="rejected", burst_id="") for n in range(COUNT)]
     with Catalogue.open(settings.catalogue_url, create=True) as catalogue:
         published(settings, catalogue)
         catalogue.record_day(SearchedDay(DAY, "a" * 64, "0.2.0", NAMES), [*rows, *rejected])
