@@ -2,7 +2,6 @@
 
 from collections.abc import Iterator, Sequence
 from datetime import date
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -11,7 +10,6 @@ import xarray as xr
 
 from bella.exceptions import NoDataError
 from bella.flags import LOCALISABLE, REJECTED
-from bella.plotting.export import write_whole
 from bella.plotting.palette import BRIGHTNESS_SCALE, FREQUENCY_TICKS_MHZ
 from bella.plotting.printed import require_columns
 from bella.plotting.svg import Scale, element, figure, line, number, picture, time_of_day, unix_s, words
@@ -37,13 +35,11 @@ GAP_RECORDS = 0.75
 """A record reaches no farther than this many usual steps; what is between records farther apart stays grey."""
 
 
-def write_day_svg(path: Path, day: date, spectra: Sequence[xr.Dataset], detections: pd.DataFrame) -> None:
-    """Write the spectra of a day as SVG, with what was found outlined; the file appears whole or not at all.
+def day_figure(day: date, spectra: Sequence[xr.Dataset], detections: pd.DataFrame) -> str:
+    """Spectra of a day with what was found outlined, SVG.
 
     Parameters
     ----------
-    path : Path
-        Its folder is made when it does not exist.
     day : datetime.date
         UTC; what spectra hold of other days is not shown.
     spectra : sequence of xarray.Dataset
@@ -51,6 +47,10 @@ def write_day_svg(path: Path, day: date, spectra: Sequence[xr.Dataset], detectio
         taken away a second time from what :func:`bella.spectra.over_background` returned.
     detections : pandas.DataFrame
         Detection table, of which each box leads to its burst. What was rejected is dashed.
+
+    Returns
+    -------
+    str
 
     Raises
     ------
@@ -76,9 +76,7 @@ def write_day_svg(path: Path, day: date, spectra: Sequence[xr.Dataset], detectio
     rejected = int((detections["tier"] == REJECTED).sum())
     counts = f"{len(detections) - rejected} detections and {rejected} rejected candidates"
     title = f"Dynamic spectra of {names} on {day} with {counts} outlined."
-    drawn_day = figure("day", (WIDTH, height), title, *drawn, *_hours(time, height - FOOT))
-    # without a style of its own: it becomes a part of the page
-    write_whole(path, drawn_day)
+    return figure("day", (WIDTH, height), title, *drawn, *_hours(time, height - FOOT))
 
 
 def day_caption(day: date) -> str:

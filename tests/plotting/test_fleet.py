@@ -4,6 +4,7 @@ import base64
 import io
 from datetime import date
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -12,14 +13,35 @@ import xarray as xr
 from PIL import Image
 
 from bella.exceptions import InputError, NoDataError
-from bella.plotting import write_day_svg
+from bella.plotting import day_figure
 from bella.plotting.fleet import BOX_COLUMNS
 from bella.spectra import over_background
 from tests.plotting.reading import SVG, of_class, parsed, texts
-from tests.plotting.test_day import day
 
 DAY = date(2022, 3, 1)
 EMPTY = pd.DataFrame(columns=list(BOX_COLUMNS))
+
+
+def day(**changes: object) -> xr.Dataset:
+    """Four hours of noise with a burst at 01:00 and a gap from 02:00 to 03:00."""
+    minutes = np.delete(np.arange(240), slice(120, 180))
+    level = np.random.default_rng(5).normal(0.0, 0.3, (180, 30))
+    level[60:75] += 15.0
+    attributes = {"observatory": "SOLO", "receiver": "HFR", "quantity": "psd_v2_hz", "integration_s": 60.0}
+    return xr.Dataset(
+        {"intensity": (("time", "frequency"), (1e-17 * 10.0 ** (level / 10.0)).astype(np.float32))},
+        coords={
+            "time": np.datetime64("2022-03-01", "ns") + minutes * np.timedelta64(60, "s"),
+            "frequency": np.geomspace(0.4, 16.0, 30),
+        },
+        attrs=attributes | {"source_files": "none", **changes},
+    )
+
+
+def write_day_svg(path: Path, *drawn: Any) -> None:
+    """Keep the figure of a day."""
+    path.parent.mkdir(exist_ok=True)
+    path.write_text(day_figure(*drawn), encoding="utf-8")
 
 
 def found(observatory: str, start: str, tier: str = "localisable", burst_id: str = "T3-x") -> pd.DataFrame:
