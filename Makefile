@@ -20,9 +20,10 @@ test: .venv/test  ## Everything that must hold, without a network
 acceptance: .venv/test  ## Longer checks, such as the exact posterior against long sampling
 	$(BIN)/pytest -m acceptance
 
-fuzz: .venv/test  ## Read thousands of damaged files (MUTATIONS=20000), and answer 2000 made-up requests
+fuzz: .venv/test  ## Read thousands of damaged files (MUTATIONS=20000), and answer 2000 made-up requests and 500 walks
 	BELLA_MUTATIONS=$(or $(MUTATIONS),20000) $(BIN)/pytest tests/fuzz
-	BELLA_API_CASES=60 $(BIN)/pytest tests/conformance/test_description_holds.py
+	BELLA_API_CASES=60 $(BIN)/pytest tests/conformance/test_description_holds.py -k "not operation_to_operation"
+	BELLA_API_CASES=500 $(BIN)/pytest tests/conformance/test_description_holds.py -k operation_to_operation
 
 lint: .venv/test  ## Style, types, and who may import whom
 	$(BIN)/ruff check .

@@ -3,18 +3,16 @@
 ``uvicorn api.app:create_app --factory`` serves it with the settings of the environment.
 """
 
-from pathlib import Path
 from typing import Any
 
 from fastapi import FastAPI
-from fastapi.staticfiles import StaticFiles
 
 from api.errors import DESCRIBED, Problem, install_error_handlers
 from api.headers import install_headers
 from api.links import Prefixed
 from api.pages import burst as burst_page
 from api.pages import bursts as list_page
-from api.pages import days, guide, submit
+from api.pages import days, guide, planning, submit
 from api.routers import (
     alerts,
     arrivals,
@@ -32,21 +30,54 @@ from api.routers import (
     tables,
 )
 from api.service import Service
+from api.static_files import router as static_files
 from bella import __version__
 from bella.logs import log_to
 from bella.settings import Settings
 
-STATIC = Path(__file__).parent / "static"
+_OF_A_BURST = ("burst", "versions", "track", "posterior", "regions", "arrivals", "burst_events")
+_OF_A_SOLUTION = ("solution", "calibration")
+_OF_A_DAY = ("day", "observability_of_day")
+
+ONWARD: dict[str, tuple[tuple[str, str, tuple[str, ...]], ...]] = {
+    "bursts": (("burst_id", "/bursts/0/burst_id", _OF_A_BURST),),
+    "latest_burst": (("burst_id", "/burst_id", _OF_A_BURST), ("solution_id", "/preferred_solution", _OF_A_SOLUTION)),
+    "burst": (("burst_id", "/burst_id", _OF_A_BURST), ("solution_id", "/preferred_solution", _OF_A_SOLUTION)),
+    "versions": (("solution_id", "/versions/0/solution_id", _OF_A_SOLUTION),),
+    "solutions": (
+        ("solution_id", "/solutions/0/solution_id", _OF_A_SOLUTION),
+        ("burst_id", "/solutions/0/burst_id", _OF_A_BURST),
+    ),
+    "solution": (("burst_id", "/burst_id", _OF_A_BURST),),
+    "days": (("day", "/days/0/day", _OF_A_DAY),),
+    "submit": (("submission_id", "/submission_id", ("submission", "withdraw")),),
+    "submission": (("submission_id", "/submission_id", ("submission", "withdraw")),),
+}
+"""Where a reply leads: by which parameter, where its value stands in the reply, and to which operations."""
 
 
 class Described(FastAPI):
-    """An application whose description holds the shape of its errors, too."""
+    """An application whose description holds the shape of its errors, and where replies lead, too."""
 
     def openapi(self) -> dict[str, Any]:
         """OpenAPI description of the API."""
         if self.openapi_schema is None:
-            super().openapi()["components"]["schemas"][Problem.__name__] = Problem.model_json_schema()
+            described = super().openapi()
+            described["components"]["schemas"][Problem.__name__] = Problem.model_json_schema()
+            for operation in (one for methods in described["paths"].values() for one in methods.values()):
+                reply = next(reply for status, reply in operation["responses"].items() if status.startswith("2"))
+                reply |= _links(operation["operationId"])
         return super().openapi()
+
+
+def _links(operation: str) -> dict[str, Any]:
+    """Links of a reply, as OpenAPI describes them; nothing where there are none."""
+    links = {
+        name: {"operationId": name, "parameters": {parameter: f"$response.body#{pointer}"}}
+        for parameter, pointer, names in ONWARD.get(operation, ())
+        for name in names
+    }
+    return {"links": links} if links else {}
 
 
 def create_app(settings: Settings | None = None) -> FastAPI:
@@ -76,7 +107,7 @@ def create_app(settings: Settings | None = None) -> FastAPI:
         settings = Settings()
     app.state.service = Service(settings)
     install_error_handlers(app)
-    install_headers(app)
+    install_headers(app, app.state.service)
     app.add_middleware(Prefixed, prefix=settings.root_path)
     for module in (
         root,
@@ -96,9 +127,10 @@ def create_app(settings: Settings | None = None) -> FastAPI:
         days,
         list_page,
         burst_page,
+        planning,
         guide,
         submit,
     ):
         app.include_router(module.router)
-    app.mount("/static", StaticFiles(directory=STATIC), name="static")
+    app.include_router(static_files)
     return app

@@ -1,18 +1,18 @@
 """How often simulated bursts like a real one were answered rightly, as the replies, the page and the lists say it."""
 
 from collections.abc import Sequence
+from functools import cache
 
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import Field
 
+from api.replies import Reply
 from bella.calibration.found_table import FoundRow
 from bella.calibration.tried import NOT_TRIED, PAGE, Answered, Tried, tried
 from bella.catalogue import Solution
 
 
-class CalibrationRowReply(BaseModel):
+class CalibrationRowReply(Reply):
     """How often the intervals of one number held the truth of simulated bursts."""
-
-    model_config = ConfigDict(frozen=True)
 
     quantity: str = Field(description="position, phi0 (longitude of the spiral at 1 solar radius), wind or beam.")
     unit: str = Field(description="Of median_error and median_width.")
@@ -36,10 +36,8 @@ class CalibrationRowReply(BaseModel):
         return cls(**{name: getattr(row, name) for name in cls.model_fields})
 
 
-class CalibrationReply(BaseModel):
+class CalibrationReply(Reply):
     """Simulated bursts that are like a real one, and how often their intervals held the truth."""
-
-    model_config = ConfigDict(frozen=True)
 
     stratum: str | None = Field(description="Which simulated bursts they are; null where none is like it.")
     sentence: str = Field(description="How often the 68 % intervals of their longitude held the truth.")
@@ -79,4 +77,10 @@ def calibration_of(solution: Solution, observatories: Sequence[str]) -> Calibrat
         preset=series.preset,
         origin=solution.origin,
     )
+    return _reply_of(real)
+
+
+@cache
+def _reply_of(real: Answered) -> CalibrationReply:
+    """Reply for one way of answering: there are few, and every burst of a list has one."""
     return CalibrationReply.of(tried(real))

@@ -9,7 +9,7 @@ import numpy as np
 import xarray as xr
 from pydantic import Field, ValidationError, field_validator
 
-from api.queries import SolutionChoice, chosen, parse_utc
+from api.queries import SolutionChoice, chosen
 from api.service import Service
 from bella.catalogue import BurstSummary, Catalogue, Solution
 from bella.exceptions import InputError, NoDataError
@@ -23,11 +23,13 @@ from bella.plotting import (
     residual_figure,
     spectra_figure,
 )
-from bella.plotting.constellation import Frame, View
+from bella.plotting.constellation import View
+from bella.plotting.ecliptic import Frame
 from bella.plotting.geometry import receiver_positions
 from bella.plotting.spectra import Clock
 from bella.records import Interval
 from bella.spacecraft import position
+from bella.times import parse_utc
 from bella.units import C_RSUN_S, FloatArray
 
 

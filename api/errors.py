@@ -179,4 +179,5 @@ def _refused_by_routing(request: Request, error: Exception) -> Response:
 def _unexpected(request: Request, error: Exception) -> Response:
     log.error("request failed unexpectedly", path=request.url.path, error=type(error).__name__)
     detail = "the service met an error it did not foresee; the operator finds it in the log"
-    return problem(request, 500, "Unexpected error", detail)
+    # uvicorn closes the connection after an unhandled error: a client that is not told would use it again
+    return problem(request, 500, "Unexpected error", detail, Connection="close")

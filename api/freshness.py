@@ -1,7 +1,9 @@
-"""Entity tags: what has not changed is not sent again. And HEAD: what is sent, without sending it."""
+"""Entity tags and times of change: what has not changed is not sent again. HEAD: what is sent, without sending it."""
 
 import hashlib
 from collections.abc import Iterable
+from datetime import UTC, datetime, timedelta
+from email.utils import format_datetime, parsedate_to_datetime
 from pathlib import Path
 from typing import Any
 
@@ -14,8 +16,15 @@ from api.links import own_path
 from bella import __version__
 from bella.catalogue import Solution
 
-AS_THEY_ARE = ("/static/", "/api/v1/alerts/stream")
-"""Addresses that answer HEAD and tags by themselves, or have no end."""
+ENDLESS = "/api/v1/alerts/stream"
+
+STARTED_UTC = datetime.now(UTC)
+SETTLED = timedelta(seconds=60)
+"""Times of change are those of the writer, not of its commit, and whole seconds: a list may change again unseen until
+they are as old as this (RFC 9110, 8.8.2.2)."""
+
+WITHOUT_BODY = "bella.without_body"
+"""Key of the scope of a request: the body of its reply is not sent, so that it need not be made."""
 
 IMMUTABLE = "public, max-age=31536000, immutable"
 REVALIDATE = "no-cache"
@@ -44,14 +53,38 @@ def file_tag(path: Path) -> str:
     return f'W/"{known.st_mtime_ns:x}-{known.st_size:x}"'
 
 
-def is_known(request: Request, tag: str) -> bool:
-    """Whether the reader has this entity already."""
-    return _has(request.headers, tag)
+def last_modified(*changed: datetime | None) -> dict[str, str]:
+    """Header that says when something was changed last; none where that is not known, or less than `SETTLED` ago.
+
+    Replies are changed by a new version of this software, too: none is older than this process.
+    """
+    known = [one for one in changed if one is not None]
+    newest = max((STARTED_UTC, *known))
+    if not known or datetime.now(UTC) - newest < SETTLED:
+        return {}
+    return {"Last-Modified": format_datetime(newest, usegmt=True)}
 
 
-def _has(headers: Headers, tag: str) -> bool:
-    known = {part.strip().removeprefix("W/") for part in headers.get("if-none-match", "").split(",")}
-    return tag.removeprefix("W/") in known or "*" in known
+def is_known(request: Request, tag: str, modified: str | None = None) -> bool:
+    """Whether the reader has this entity already, by its tag, or else by its Last-Modified (RFC 9110, 13.2.2)."""
+    return has_entity(request.headers, tag, modified)
+
+
+def has_entity(asked: Headers, tag: str, modified: str | None) -> bool:
+    """Whether the headers of a request say that the reader has this entity."""
+    if "if-none-match" in asked:
+        known = {part.strip().removeprefix("W/") for part in asked["if-none-match"].split(",")}
+        return tag.removeprefix("W/") in known or "*" in known
+    since, changed = _moment(asked.get("if-modified-since")), _moment(modified)
+    return since is not None and changed is not None and changed <= since
+
+
+def _moment(text: str | None) -> datetime | None:
+    try:
+        moment = parsedate_to_datetime(text) if text else None
+    except (ValueError, OverflowError):
+        return None
+    return moment and (moment.replace(tzinfo=UTC) if moment.tzinfo is None else moment)
 
 
 def fresh_json(content: Any, tag: str) -> Response:
@@ -62,6 +95,11 @@ def fresh_json(content: Any, tag: str) -> Response:
 def not_modified(tag: str) -> Response:
     """Reply to a reader who has this entity already."""
     return Response(status_code=304, headers={"ETag": tag, "Cache-Control": REVALIDATE})
+
+
+def not_modified_headers(whole: Headers) -> MutableHeaders:
+    """Headers of a 304, of those of the whole reply."""
+    return MutableHeaders({name: whole[name] for name in ("etag", "cache-control", "vary") if name in whole})
 
 
 class Revalidated:
@@ -77,11 +115,12 @@ class Revalidated:
         """Pass the request on, as GET where it is HEAD, and mark the reply."""
         path = own_path(scope)
         asked = scope["type"] == "http" and scope["method"] in {"GET", "HEAD"}
-        if not asked or path.startswith(AS_THEY_ARE) or "/posterior.zarr/" in path:
+        if not asked or path == ENDLESS or "/posterior.zarr/" in path:
             await self.app(scope, receive, send)
             return
-        reply = _Reply(Headers(scope=scope), send, without_body=scope["method"] == "HEAD")
-        await self.app({**scope, "method": "GET"}, receive, reply.take)
+        is_head = scope["method"] == "HEAD"
+        reply = _Reply(Headers(scope=scope), send, without_body=is_head)
+        await self.app({**scope, "method": "GET", WITHOUT_BODY: is_head}, receive, reply.take)
 
 
 class _Reply:
@@ -112,9 +151,8 @@ class _Reply:
                 content = headers.get("content-type", "").encode() + body.get("body", b"")
                 headers["ETag"] = f'W/"{hashlib.sha256(content).hexdigest()[:32]}"'
                 headers.setdefault("Cache-Control", REVALIDATE)
-            if "etag" in headers and _has(self.asked, headers["etag"]):
-                kept = [(name, headers[name]) for name in ("etag", "cache-control", "vary") if name in headers]
-                raw = [(name.encode(), value.encode()) for name, value in kept]
+            if "etag" in headers and has_entity(self.asked, headers["etag"], headers.get("last-modified")):
+                raw = not_modified_headers(headers).raw
                 self.start = {"type": "http.response.start", "status": 304, "headers": raw}
                 self.without_body = True
         self.is_over = self.without_body

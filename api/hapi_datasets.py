@@ -9,14 +9,14 @@ import numpy as np
 
 from api.service import Service
 from api.tables import (
-    burst_table,
+    BURST_TABLE,
+    LOCALISATION_TABLE,
+    TRACK_TABLE,
     detection_table,
-    localisation_table,
     table_of_rows,
-    track_table,
 )
-from bella.catalogue import BurstQuery, BurstSummary, DetectionQuery, ObservedDay
-from bella.formats import ARRIVALS, BURSTS, DAYS, DETECTIONS, LATENCIES, LOCALISATIONS, TRACKS, Schema
+from bella.catalogue import BurstQuery, BurstSummary, DetectionQuery, EventQuery, ObservedDay
+from bella.formats import ARRIVALS, BURSTS, DAYS, DETECTIONS, EVENTS, LATENCIES, LOCALISATIONS, TRACKS, Schema
 from bella.formats.hapi import (
     FLOAT_FILL,
     TIME_PARAMETER,
@@ -26,7 +26,7 @@ from bella.formats.hapi import (
     table_parameters,
     table_records,
 )
-from bella.pipeline.rows import all_bursts, all_days, arrival_rows, day_row, latency_row
+from bella.pipeline.rows import all_bursts, all_days, all_events, arrival_rows, day_row, event_rows, latency_row
 from bella.spacecraft import OBSERVATORIES, coverage, position
 
 START = np.datetime64("1994-11-01", "us")
@@ -98,21 +98,22 @@ def _some_bursts(service: Service, start: datetime, stop: datetime, most: int) -
 
 
 def _bursts(service: Service, start: datetime, stop: datetime) -> HapiRecords:
-    with service.catalogue().snapshot():
-        return table_records(burst_table(all_bursts(service.catalogue(), _query(start, stop))))
+    catalogue = service.catalogue()
+    with catalogue.snapshot():
+        return table_records(BURST_TABLE.of(catalogue, all_bursts(catalogue, _query(start, stop))))
 
 
 def _tracks(service: Service, start: datetime, stop: datetime) -> HapiRecords:
     catalogue = service.catalogue()
     with catalogue.snapshot():
-        return table_records(track_table(catalogue, all_bursts(catalogue, _query(start, stop))))
+        return table_records(TRACK_TABLE.of(catalogue, all_bursts(catalogue, _query(start, stop))))
 
 
 def _localisations(service: Service, start: datetime, stop: datetime) -> HapiRecords:
     catalogue = service.catalogue()
     with catalogue.snapshot():
         bursts = _some_bursts(service, start, stop, MOST_RECORDS // 20)
-        return table_records(localisation_table(catalogue, [one.preferred for one in bursts if one.preferred]))
+        return table_records(LOCALISATION_TABLE.of(catalogue, bursts))
 
 
 def _arrivals(service: Service, start: datetime, stop: datetime) -> HapiRecords:
@@ -127,6 +128,16 @@ def _detections(service: Service, start: datetime, stop: datetime) -> HapiRecord
     if page.next_cursor:
         raise HapiError(1408, f"more than {MOST_DETECTIONS} detections; ask for a shorter time")
     return table_records(detection_table(page.detections))
+
+
+def _events(service: Service, start: datetime, stop: datetime) -> HapiRecords:
+    catalogue = service.catalogue()
+    with catalogue.snapshot():
+        events = all_events(catalogue, EventQuery(start - SAME_TIME, stop, limit=1000))
+        rows = list(islice((row for one in events for row in event_rows(catalogue, one)), MOST_DETECTIONS + 1))
+    if len(rows) > MOST_DETECTIONS:
+        raise HapiError(1408, f"more than {MOST_DETECTIONS} events; ask for a shorter time")
+    return table_records(table_of_rows(EVENTS, rows))
 
 
 POSITION_STEP = timedelta(hours=1)
@@ -232,6 +243,11 @@ def _sample_of_detections(service: Service) -> Instants | None:
     return _around(min(starts) - timedelta(minutes=1), max(starts) + timedelta(minutes=30)) if starts else None
 
 
+def _sample_of_events(service: Service) -> Instants | None:
+    starts = [one.event.start_utc for one in service.catalogue().events.events(EventQuery(limit=SAMPLE_BURSTS)).events]
+    return _around(min(starts) - timedelta(minutes=1), max(starts) + timedelta(minutes=30)) if starts else None
+
+
 def _sample_of_positions(_: Service) -> Instants | None:
     return np.datetime64("2012-06-07", "us"), np.datetime64("2012-06-08", "us")
 
@@ -268,6 +284,16 @@ DATASETS = {
         _of_table(LOCALISATIONS, _localisations, _TIMES_OF_BURSTS, "PT1S", " Time is that of emission."),
         _of_table(ARRIVALS, _arrivals, _TIMES_OF_BURSTS, "PT1S", " Of preferred solutions."),
         _of_table(DETECTIONS, _detections, _sample_of_detections, "PT1M", _INTERVAL),
+        HapiDataset(
+            EVENTS.name,
+            "Published events, and bursts near them",
+            f"{EVENTS.title}: a record for each event and burst. Time is the start of the event at its observer. That "
+            "two times are near is no proof that one event caused the other.",
+            "PT1M",
+            table_parameters(EVENTS),
+            _events,
+            _sample_of_events,
+        ),
         HapiDataset(
             "availability",
             "Days: what was searched, what was found",

@@ -1,4 +1,4 @@
-"""What is the same for all replies: tags and HEAD, compression, security headers, and who may read."""
+"""What is the same for all replies: tags and HEAD, compression, keeping, security headers, and who may read."""
 
 from fastapi import FastAPI
 from starlette.datastructures import MutableHeaders
@@ -7,6 +7,8 @@ from starlette.middleware.gzip import GZipMiddleware
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from api.freshness import Revalidated
+from api.kept import KeptReplies
+from api.service import Service
 
 # scripts and styles come from this service alone; spectra are data: images inside of figures
 CONTENT_SECURITY_POLICY = "; ".join(
@@ -59,20 +61,22 @@ class CompressAllButStore(GZipMiddleware):
             await super().__call__(scope, receive, send)
 
 
-def install_headers(app: FastAPI) -> None:
+def install_headers(app: FastAPI, service: Service) -> None:
     """Add all of this to an application.
 
     Parameters
     ----------
     app : FastAPI
+    service : Service
     """
     app.add_middleware(Revalidated)
     app.add_middleware(CompressAllButStore, minimum_size=1000, compresslevel=6)
+    app.add_middleware(KeptReplies, service=service)
     app.add_middleware(
         CORSMiddleware,
         allow_origins=["*"],
         allow_methods=["GET", "HEAD"],
-        allow_headers=["Range", "If-None-Match", "Accept", "Last-Event-ID"],
+        allow_headers=["Range", "If-None-Match", "If-Modified-Since", "Accept", "Last-Event-ID"],
         expose_headers=["ETag", "Content-Range", "Content-Length", "Accept-Ranges", "Retry-After"],
     )
     app.add_middleware(SecurityHeaders)

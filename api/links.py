@@ -3,6 +3,7 @@
 import re
 from contextvars import ContextVar
 
+from starlette.requests import Request
 from starlette.types import ASGIApp, Receive, Scope, Send
 
 FORWARDED = b"x-forwarded-prefix"
@@ -16,6 +17,11 @@ _PREFIX: ContextVar[str] = ContextVar("prefix", default="")
 def linked(path: str) -> str:
     """Path of an address of this service, for a link in the reply to the present request."""
     return _PREFIX.get() + path
+
+
+def site_url(request: Request) -> str:
+    """Scheme and host of this service, to which paths from `linked` are appended."""
+    return str(request.base_url).rstrip("/").removesuffix(_PREFIX.get())
 
 
 def linked_text(page: str) -> str:

@@ -1,7 +1,7 @@
 """What may stand in the query of an address. An unknown parameter is refused: a misspelt filter must not be ignored."""
 
 from dataclasses import replace
-from datetime import UTC, date, datetime
+from datetime import date, datetime
 from typing import Annotated, Any, Literal
 from urllib.parse import urlencode
 
@@ -16,8 +16,7 @@ from bella.flags import FLAGS
 from bella.linked_events import KINDS, EventKind
 from bella.records import ANNOUNCED_ORIGINS, Origin, Tier, origins_asked
 from bella.spacecraft import observatory_name
-
-TIME_HINT = "write a UTC time as 2012-06-07 or 2012-06-07T19:30:00Z"
+from bella.times import parse_day, parse_utc
 
 MethodName = Literal["posterior", "nuts", "tdoa"]
 """`bella.catalogue.records.METHOD_ORDER`."""
@@ -92,7 +91,9 @@ CHOICES = ("edge", "method", "preset", "version")
 """Names of what chooses a solution."""
 
 
-class _Query(BaseModel):
+class Parameters(BaseModel):
+    """Parameters of an address; what is none of them is refused."""
+
     model_config = ConfigDict(extra="forbid")
 
 
@@ -106,7 +107,7 @@ OriginAsked = Annotated[
 ]
 
 
-class OriginChoice(_Query):
+class OriginChoice(Parameters):
     """Data of which origin are asked for."""
 
     origin: OriginAsked = None
@@ -125,7 +126,7 @@ class BurstSelection(OriginChoice):
     updated_since: TimeAsked = Field(
         None, description="Bursts of which something was changed at this UTC time or later.", examples=["2026-01-01"]
     )
-    observatory: Names = Field([], description="Observatories that must all have heard the burst; repeatable.")
+    observatory: Names = Field([], description="Observatories that must all have received the burst; repeatable.")
     grade: Grades = Field([], description="Grades of the answer, such as A or AB; repeatable.", examples=[["A", "B"]])
     tier: Annotated[Tier | None, EMPTY_IS_NONE] = Field(None, description="Tier of the answer.")
     flag: Flags = Field([], description="Quality flags that the answer must all have; repeatable.")
@@ -172,7 +173,7 @@ class BurstSelection(OriginChoice):
             start=start,
             stop=stop,
             updated_since=parse_utc(self.updated_since, "updated_since"),
-            observatories=frozenset(map(_observatory, self.observatory)),
+            observatories=frozenset(map(read_observatory, self.observatory)),
             grades=frozenset(self.grade),
             tier=self.tier,
             flags=frozenset(self.flag),
@@ -222,13 +223,15 @@ def _days_of(first: str | None, last: str | None) -> tuple[date | None, date | N
     InputError
         If one cannot be read or the first is after the last.
     """
-    begin, end = (None if text is None else parse_day(text.strip()) for text in (first, last))
+    begin, end = (
+        None if text is None else parse_day(text.strip(), name) for text, name in ((first, "from"), (last, "to"))
+    )
     if begin and end and begin > end:
         raise InputError("from: is after to; exchange them, or leave one out")
     return begin, end
 
 
-def _observatory(name: str) -> str:
+def read_observatory(name: str) -> str:
     """Name of a spacecraft as it is used here, of a name as people write it.
 
     Raises
@@ -266,7 +269,7 @@ class DetectionFilter(OriginChoice):
         return DetectionQuery(
             start=start,
             stop=stop,
-            observatory=None if self.observatory is None else _observatory(self.observatory),
+            observatory=None if self.observatory is None else read_observatory(self.observatory),
             tier=self.tier,
             burst_id=self.burst,
             sort=self.sort,
@@ -313,7 +316,7 @@ class SolutionFilter(OriginChoice):
         )
 
 
-class SourceFilter(_Query):
+class SourceFilter(Parameters):
     """Which files are asked for, in which order, and which page of them."""
 
     dataset: Asked = Field(None, description="Data set; without it, all.", examples=["WI_H1_WAV"])
@@ -337,7 +340,7 @@ class SourceFilter(_Query):
         return SourceQuery(self.dataset, first, last, since, self.sort, self.cursor, self.limit)
 
 
-class EventFilter(_Query):
+class EventFilter(Parameters):
     """Which events are asked for; without parameters, all from the first on."""
 
     start: Asked = Field(None, description="Events that start at this UTC time or later.", examples=["2012-06-07"])
@@ -359,7 +362,7 @@ class EventFilter(_Query):
         start, stop = parse_utc(self.start, "start"), parse_utc(self.stop, "stop")
         if start and stop and start >= stop:
             raise InputError("start: is not before stop; exchange them, or leave one out")
-        observer = _observatory(self.observatory) if self.observatory else None
+        observer = read_observatory(self.observatory) if self.observatory else None
         return EventQuery(start, stop, frozenset(self.kind), observer, self.linked, self.cursor, self.limit)
 
 
@@ -411,7 +414,7 @@ class AlertFilter(OriginChoice):
         return ANNOUNCED_ORIGINS if self.origin is None else self.origins
 
 
-class SolutionChoice(_Query):
+class SolutionChoice(Parameters):
     """Which solution of a burst is asked for; without parameters, the preferred one."""
 
     edge: str | None = Field(None, description="Definition of the edge, such as half_maximum.")
@@ -420,7 +423,7 @@ class SolutionChoice(_Query):
     version: int | None = Field(None, ge=1, description="Version; without it, the newest.")
 
 
-class SeriesChoice(_Query):
+class SeriesChoice(Parameters):
     """Which series the figures show; without parameters, the preferred one with the other edges of its kind."""
 
     edge: str | None = Field(None, description="Definition of the edge, such as half_maximum; without it, all.")
@@ -434,52 +437,6 @@ class FrequencyChoice(SeriesChoice):
     frequency_mhz: float = Field(
         gt=0, le=1000, allow_inf_nan=False, description="The nearest channel is taken.", examples=[0.5]
     )
-
-
-def parse_day(text: str) -> date:
-    """A day as an address gives it.
-
-    Parameters
-    ----------
-    text : str
-
-    Returns
-    -------
-    datetime.date
-
-    Raises
-    ------
-    InputError
-        If it is none.
-    """
-    try:
-        return date.fromisoformat(text)
-    except ValueError as error:
-        raise InputError(f"{text!r} is not a day; write it as 2020-07-21") from error
-
-
-def parse_utc(text: str | None, name: str) -> datetime | None:
-    """UTC time from text; None stays None, a time without a zone is UTC.
-
-    Parameters
-    ----------
-    text : str or None
-    name : str
-        Parameter that is named when it cannot be read.
-
-    Raises
-    ------
-    InputError
-        If it is not a time.
-    """
-    if text is None:
-        return None
-    try:
-        # a "+" in a query that nobody escaped arrives as a blank
-        moment = datetime.fromisoformat(text.strip().replace(" +", "+"))
-        return moment.replace(tzinfo=UTC) if moment.tzinfo is None else moment.astimezone(UTC)
-    except (ValueError, OverflowError) as error:
-        raise InputError(f"{name}: {text[:40]!r} is not a time; {TIME_HINT}") from error
 
 
 def matching(solutions: tuple[Solution, ...], choice: SolutionChoice) -> list[Solution]:

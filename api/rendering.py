@@ -17,7 +17,7 @@ from api.wording import answer_class, answer_words, flag_meaning, reason_words
 from bella import __version__
 from bella.answer import interval_68, wind_gap, written_68, written_wind
 from bella.catalogue import Solution
-from bella.plotting import edge_name
+from bella.plotting import KINDS, edge_name
 
 TEMPLATES = Path(__file__).parent / "templates"
 MINUS, DASH = "\N{MINUS SIGN}", "\N{EN DASH}"
@@ -88,7 +88,7 @@ def environment() -> Environment:
         answer_words=answer_words,
         answer_class=answer_class,
     )
-    made.globals.update(version=__version__)
+    made.globals.update(version=__version__, kinds=KINDS)
     return made
 
 

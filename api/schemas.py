@@ -2,45 +2,26 @@
 
 from collections.abc import Sequence
 from dataclasses import asdict
-from datetime import date, datetime, timedelta
-from math import isnan
+from datetime import date, datetime
+from functools import lru_cache
 from typing import Any, Literal
 from urllib.parse import urlencode
 
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import ConfigDict, Field
 from typing_extensions import TypeAliasType
 
+from api.addresses import API, burst_links, zarr_path
 from api.calibration import CalibrationReply, calibration_of
-from api.event_section import LinkedEventReply
+from api.event_replies import LinkedEventReply
 from api.links import linked
+from api.replies import ORIGIN, PageReply, Reply
 from api.wording import APPARENT_SOURCE
-from bella.catalogue import (
-    UNSEARCHED,
-    Burst,
-    BurstSummary,
-    DaySummary,
-    Detection,
-    Retraction,
-    SearchedDay,
-    Solution,
-    Submission,
-)
+from bella.catalogue import BurstSummary, Retraction, Solution, Submission
 from bella.linked_events import Link
-from bella.records import REAL_ORIGINS, DayAnswer, JointTrack, Origin
-
-API = "/api/v1"
+from bella.records import JointTrack, Origin
 
 Json = TypeAliasType("Json", "str | bool | int | float | list[Json] | dict[str, Json] | None")
 """Any value of JSON."""
-
-
-class Reply(BaseModel):
-    """Base of all replies."""
-
-    model_config = ConfigDict(frozen=True)
-
-
-ORIGIN = "Where the data come from: archive, event, submission, user; or simulated, test."
 
 
 class RetractionReply(Reply):
@@ -65,115 +46,6 @@ class SourceReply(Reply):
     uri: str = Field(description="Name of the file.")
 
 
-class DetectionReply(Reply):
-    """A burst as one spacecraft heard it."""
-
-    observatory: str
-    start_utc: datetime = Field(description="Onset at the highest frequency.")
-    peak_utc: datetime
-    end_utc: datetime
-    f_low_mhz: float
-    f_high_mhz: float
-    score: float = Field(description="Of the matched filter, in standard deviations of noise.")
-    drift: float = Field(description="Speed of the beam whose drift fits best, in units of c.")
-    peak_db: float = Field(description="Peak over background, dB.")
-    flux_sfu_1au: float | None = Field(description="Largest flux density at 1 au, sfu; null where not stated.")
-    channels: int
-    isolated: bool
-    tier: str = Field(description="localisable, catalogued or rejected.")
-    reason: str = Field(description="Why it is no more; empty where the burst was localised.")
-    burst_id: str | None = Field(description="Burst that it belongs to; null where it was rejected.")
-    origin: Origin = Field(description=ORIGIN)
-
-    @classmethod
-    def of(cls, one: Detection) -> "DetectionReply":
-        """Reply for a detection of the catalogue."""
-        flux = None if isnan(one.flux_sfu_1au) else one.flux_sfu_1au
-        return cls(**(asdict(one) | {"burst_id": one.burst_id or None, "flux_sfu_1au": flux}))
-
-
-class DetectionsReply(Reply):
-    """One page of detections."""
-
-    detections: list[DetectionReply]
-    total: int = Field(description="Detections that match, on all pages.")
-    returned: int
-    truncated: bool = Field(description="True when more follow: go on at `next`.")
-    next: str | None
-
-
-class DayReply(Reply):
-    """What is known of a day."""
-
-    day: date
-    searched: bool = Field(description="False where no file of the day was processed.")
-    origin: Origin | None = Field(description=ORIGIN)
-    answer: DayAnswer | None = Field(description="What can be said of the day; null where it was not looked at.")
-    reason: str = Field(description="Why it could not be searched, or which files were left out; mostly empty.")
-    observatories: list[str] = Field(description="Spacecraft that had data; the others had none.")
-    code_version: str | None
-
-    @classmethod
-    def of(cls, day: date, known: SearchedDay | None) -> "DayReply":
-        """Reply for a day, with what the catalogue has of it."""
-        if known is None:
-            return cls(
-                day=day, searched=False, answer=None, reason="", origin=None, observatories=[], code_version=None
-            )
-        return cls(
-            day=day,
-            searched=known.answer not in UNSEARCHED,
-            answer=known.answer,
-            reason=known.reason,
-            origin=known.origin,
-            observatories=list(known.observatories),
-            code_version=known.code_version,
-        )
-
-
-class DaySummaryReply(Reply):
-    """A searched day with how much was heard on it, in data of one origin."""
-
-    day: date
-    origin: Origin = Field(description=ORIGIN)
-    answer: DayAnswer = Field(description="What can be said of the day.")
-    reason: str = Field(description="Why it could not be searched, or which files were left out; mostly empty.")
-    observatories: list[str] = Field(description="Spacecraft that had data; the others had none.")
-    detections: int = Field(description="Bursts as single spacecraft heard them.")
-    rejected: int = Field(description="Candidates that were refused.")
-    bursts: int = Field(description="Bursts, each counted once whoever heard it.")
-    shared: int = Field(description="Of these, received by two or more spacecraft.")
-    localised: int = Field(description="Of these, placed.")
-    code_version: str
-    links: dict[str, str]
-
-    @classmethod
-    def of(cls, one: DaySummary) -> "DaySummaryReply":
-        """Reply for a searched day of the catalogue."""
-        counts = {name: getattr(one, name) for name in ("detections", "rejected", "bursts", "shared", "localised")}
-        known = one.searched
-        return cls(
-            day=known.day,
-            origin=known.origin,
-            answer=known.answer,
-            reason=known.reason,
-            observatories=list(known.observatories),
-            code_version=known.code_version,
-            links=day_links(known.day, known.origin),
-            **counts,
-        )
-
-
-class DaysReply(Reply):
-    """Searched days, the newest first."""
-
-    days: list[DaySummaryReply]
-    total: int = Field(description="Searched days that match, on all pages.")
-    returned: int
-    truncated: bool = Field(description="True when earlier days follow: go on at `next`.")
-    next: str | None
-
-
 class Said(Reply):
     """What a solution says of its burst, and whether that is the answer."""
 
@@ -181,7 +53,7 @@ class Said(Reply):
         description="Whether this is the answer about the burst: see docs/quality-flags.md, grades."
     )
     grade: str = Field(description="A (best) to D (no single answer): see docs/quality-flags.md, grades.")
-    tier: str = Field(description="final, or preliminary where two spacecraft heard the burst.")
+    tier: str = Field(description="final, or preliminary where two spacecraft received the burst.")
     sentence: str = Field(description="The answer in plain words: longitude west or east of Earth, distances, wind.")
 
 
@@ -194,6 +66,12 @@ def said_of(solution: Solution) -> dict[str, Any]:
         "tier": answer.tier,
         "sentence": answer.sentence,
     }
+
+
+@lru_cache(maxsize=1000)
+def _pick(edge: str, method: str, preset: str, version: int) -> str:
+    """Query of an address that picks a version of a series: a list has many, and few that differ."""
+    return urlencode({"edge": edge, "method": method, "preset": preset, "version": version})
 
 
 class SolutionReply(Said):
@@ -239,9 +117,7 @@ class SolutionReply(Said):
         series = solution.series
         burst = linked(f"{API}/bursts/{solution.burst_id}")
         own = linked(f"{API}/solutions/{solution.solution_id}")
-        pick = urlencode(
-            {"edge": series.edge, "method": series.method, "preset": series.preset, "version": solution.version}
-        )
+        pick = _pick(series.edge, series.method, series.preset, solution.version)
         numbers = solution.answer.model_dump(exclude={"tier", "grade", "sentence", "has_track"})
         return cls(
             **said_of(solution),
@@ -281,14 +157,10 @@ class SolutionWithSourcesReply(SolutionReply):
     calibration: CalibrationReply = Field(description="How often answers about simulated bursts like this one held.")
 
 
-class SolutionsReply(Reply):
+class SolutionsReply(PageReply):
     """One page of solutions."""
 
     solutions: list[SolutionReply]
-    total: int = Field(description="Solutions that match, on all pages.")
-    returned: int
-    truncated: bool = Field(description="True when more follow: go on at `next`.")
-    next: str | None
 
 
 class FileReply(SourceReply):
@@ -299,14 +171,10 @@ class FileReply(SourceReply):
     changed_utc: datetime
 
 
-class FilesReply(Reply):
+class FilesReply(PageReply):
     """One page of files."""
 
     files: list[FileReply]
-    total: int = Field(description="Files that match, on all pages.")
-    returned: int
-    truncated: bool = Field(description="True when more follow: go on at `next`.")
-    next: str | None
 
 
 class PreferenceReply(Reply):
@@ -378,14 +246,10 @@ class BurstReply(Reply):
         )
 
 
-class BurstsReply(Reply):
+class BurstsReply(PageReply):
     """One page of bursts."""
 
     bursts: list[BurstReply]
-    total: int = Field(description="Bursts that match, on all pages.")
-    returned: int
-    truncated: bool = Field(description="True when more bursts follow: go on at `next`.")
-    next: str | None
 
 
 class VersionReply(SolutionReply):
@@ -429,6 +293,11 @@ class TrackFitReply(Reply):
         description="What other methods say: `semp`, `weighted`, `piecewise`, `density_excess`, `scattering`, "
         "`footpoint`, `wind`, `triangulation`, `fused`, `models`. Each has `flags`; with `not_computed` it "
         "has a `reason` and nothing else.",
+    )
+    companions_pending: bool = Field(
+        default=False,
+        description="Whether `companions` are still being computed: they follow within minutes under the same id, "
+        "unless a newer version comes first; nothing else of the solution changes.",
     )
     published: dict[str, Json] | None = Field(default=None, description="What a paper says of this track, if it does.")
 
@@ -581,40 +450,3 @@ class HealthReply(Reply):
     status: Literal["ok", "failing"]
     version: str
     checks: dict[str, str]
-
-
-def zarr_path(solution: Solution) -> str:
-    """Address path of the Zarr group of a solution."""
-    return f"{API}/solutions/{solution.solution_id}/posterior.zarr"
-
-
-def figure_path(solution: Solution, name: str) -> str:
-    """Address path of a figure of a solution."""
-    return linked(f"{API}/solutions/{solution.solution_id}/figures/{name}")
-
-
-def day_links(day: date, origin: Origin = Origin.ARCHIVE) -> dict[str, str]:
-    """Addresses of everything about a searched day; those of simulated and test data ask for their origin."""
-    base = linked(f"{API}/days/{day}")
-    asked = {} if origin in REAL_ORIGINS else {"origin": origin.value}
-    heard = urlencode({"start": day, "stop": day + timedelta(days=1), **asked})
-    tail = f"?{urlencode(asked)}" if asked else ""
-    return {
-        "self": f"{base}{tail}",
-        "page": linked(f"/days/{day}{tail}"),
-        "figure": f"{base}/figure{tail}",
-        "detections": linked(f"{API}/detections?{heard}"),
-    }
-
-
-def burst_links(burst: Burst) -> dict[str, str]:
-    """Addresses of everything about a burst."""
-    base = linked(f"{API}/bursts/{burst.burst_id}")
-    parts = ("versions", "track", "posterior", "events")
-    figures = {f"figure_{name}": f"{base}/figures/{name}" for name in ("constellation", "spectra")}
-    return {
-        "self": base,
-        "page": linked(f"/bursts/{burst.burst_id}"),
-        **{part: f"{base}/{part}" for part in parts},
-        **figures,
-    }

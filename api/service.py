@@ -8,13 +8,14 @@ from typing import Annotated
 
 import xarray as xr
 from fastapi import Depends, Request
+from starlette.concurrency import run_in_threadpool
 
 from bella.catalogue import Catalogue, Solution
-from bella.exceptions import NoDataError
+from bella.exceptions import BellaError, NoDataError
 from bella.settings import Settings
 from bella.store import open_group, open_tree
 
-POSTERIORS_KEPT = 16
+POSTERIORS_KEPT = 64
 SPECTRA_KEPT = 4
 
 
@@ -31,7 +32,8 @@ class Service:
 
     def __init__(self, settings: Settings) -> None:
         self.settings = settings
-        self._catalogue: Catalogue | None = None
+        self.opened: Catalogue | None = None
+        """The catalogue, once it was asked for."""
         self._opening = Lock()
         self.streams = 0
         """Streams of alerts that are open."""
@@ -51,9 +53,16 @@ class Service:
             If the database does not answer.
         """
         with self._opening:
-            if self._catalogue is None:
-                self._catalogue = Catalogue.open(self.settings.catalogue_url)
-            return self._catalogue
+            if self.opened is None:
+                self.opened = Catalogue.open(self.settings.catalogue_url)
+            return self.opened
+
+    def state(self) -> str | None:
+        """State of the catalogue, see `Catalogue.state`; None where it cannot be asked."""
+        try:
+            return self.catalogue().state()
+        except BellaError:
+            return None
 
     def newest_alert(self, age_s: float) -> int:
         """Sequence number of the newest alert, looked up unless it was within so many seconds."""
@@ -85,14 +94,19 @@ class Service:
         return self._spectra(store_path)
 
 
+async def _service_here(request: Request) -> Service:  # not in a thread: a hop there takes longer
+    return _service(request)
+
+
 def _service(request: Request) -> Service:
     service: Service = request.app.state.service
     return service
 
 
-def _catalogue(request: Request) -> Catalogue:
-    return _service(request).catalogue()
+async def _catalogue(request: Request) -> Catalogue:
+    service = _service(request)
+    return service.opened if service.opened is not None else await run_in_threadpool(service.catalogue)
 
 
-ServiceHere = Annotated[Service, Depends(_service)]
+ServiceHere = Annotated[Service, Depends(_service_here)]
 CatalogueHere = Annotated[Catalogue, Depends(_catalogue)]

@@ -1,17 +1,23 @@
 """What the catalogue holds as published tables, and replies in the format that is asked for."""
 
-from collections.abc import Iterable, Iterator, Mapping
-from dataclasses import asdict
-from itertools import islice
+from collections.abc import Callable, Generator, Iterable, Iterator, Mapping
+from contextlib import closing
+from dataclasses import asdict, dataclass
+from datetime import datetime
+from functools import partial
+from itertools import chain, islice
 from typing import Annotated, Any, Literal
 
 from fastapi import Request, Response
 from pydantic import BaseModel, Field, WithJsonSchema
 
 from api.errors import NotAcceptableError
+from api.freshness import is_known, last_modified, not_modified, tag_of
+from api.links import linked
 from api.queries import BurstFilter, DetectionFilter, EventFilter, SolutionChoice
+from api.streaming import streamed
 from api.wording import APPARENT_SOURCE
-from bella.catalogue import BurstPage, BurstQuery, BurstSummary, Catalogue, Detection, Solution
+from bella.catalogue import BurstPage, BurstQuery, BurstSummary, Catalogue, Detection
 from bella.exceptions import InputError
 from bella.formats import (
     BURSTS,
@@ -25,7 +31,7 @@ from bella.formats import (
     find_format,
     record_table,
 )
-from bella.pipeline.rows import all_bursts, burst_row, localisation_rows, track_rows
+from bella.pipeline.rows import Row, all_bursts, batches, burst_row, localisation_rows, track_rows
 
 FORMAT = Field(None, description="Without it, as the Accept header says.")
 FormatName = Annotated[str | None, WithJsonSchema({"type": "string", "enum": [*FORMATS]})]
@@ -35,7 +41,7 @@ JSON = FORMATS["json"]
 FRAME = {"frame": "HEE, solar radii; times UTC", "remark": APPARENT_SOURCE}
 PAGE = 1000
 MOST_BURSTS = 20_000
-"""In one reply."""
+"""In one reply that is made in memory, as most formats have to be."""
 
 
 class BurstTableFilter(BurstFilter):
@@ -67,6 +73,36 @@ class BurstTableFilter(BurstFilter):
         if len(bursts) > MOST_BURSTS:
             raise InputError(f"limit: more than {MOST_BURSTS} bursts in one reply; ask for a shorter time")
         return BurstPage(bursts, None, len(bursts))
+
+    def is_streamed(self, chosen: Format) -> bool:
+        """Whether all that is found is asked for, in a format that needs no end to begin."""
+        return self.limit == "all" and bool(chosen.pieces)
+
+
+@dataclass(frozen=True)
+class BurstTable:
+    """A published table about bursts: its columns, and its rows about some of them."""
+
+    schema: Schema
+    rows: Callable[[Catalogue, Iterable[BurstSummary]], Iterable[Row]]
+
+    def of(self, catalogue: Catalogue, summaries: Iterable[BurstSummary]) -> RecordTable:
+        """Table about these bursts."""
+        return table_of_rows(self.schema, self.rows(catalogue, summaries))
+
+    def pieces(self, chosen: Format, catalogue: Catalogue, summaries: Iterable[BurstSummary]) -> Iterator[bytes]:
+        """The same in a format that is written piece by piece."""
+        some = batches(self.rows(catalogue, summaries))
+        return chosen.write_pieces(self.schema, FRAME, (record_table(self.schema, rows) for rows in some))
+
+
+BURST_TABLE = BurstTable(BURSTS, lambda _, summaries: map(burst_row, summaries))
+TRACK_TABLE = BurstTable(TRACKS, track_rows)
+LOCALISATION_TABLE = BurstTable(
+    LOCALISATIONS,
+    lambda catalogue, summaries: localisation_rows(catalogue, (one.preferred for one in summaries if one.preferred)),
+)
+"""Of bursts without a track, or without an answer, the tables of these hold nothing."""
 
 
 class DetectionTableFilter(DetectionFilter):
@@ -146,7 +182,64 @@ def _accepted(header: str) -> Iterator[tuple[str, float]]:
             yield media_type, 0.0
 
 
-def table_reply(chosen: Format, table: RecordTable, name: str, following: str | None = None) -> Response:
+Pieces = Callable[[Catalogue, Iterable[BurstSummary]], Iterator[bytes]]
+
+
+def burst_table_reply(
+    request: Request, catalogue: Catalogue, wanted: BurstTableFilter, chosen: Format, table: BurstTable
+) -> Response:
+    """A page of a table about bursts, or all of it."""
+    name = table.schema.name
+    if wanted.is_streamed(chosen):
+        headers = {"Content-Disposition": f'attachment; filename="{name}{chosen.suffix}"'}
+        return whole_list(
+            request,
+            catalogue,
+            wanted.query(),
+            chosen,
+            partial(table.pieces, chosen),
+            headers,
+        )
+    changed = catalogue.changed_utc("bursts")
+    with catalogue.snapshot():
+        page = wanted.found(catalogue)
+        whole = table.of(catalogue, page.bursts)
+    return table_reply(chosen, whole, name, next_address(request, page.next_cursor), changed)
+
+
+def whole_list(  # noqa: PLR0913, PLR0917 - what is asked for, of what, and how it is written
+    request: Request,
+    catalogue: Catalogue,
+    query: BurstQuery,
+    chosen: Format,
+    pieces: Pieces,
+    headers: dict[str, str],
+) -> Response:
+    """All bursts that a query finds in one reply, from one moment and never all of them in memory.
+
+    The tag is made of which bursts these are and when each was changed last, and not of the body.
+    """
+    tag = tag_of((), catalogue.state_of(query), chosen.name, linked("/"))
+    modified = last_modified(catalogue.changed_utc("bursts"))
+    if is_known(request, tag, modified.get("Last-Modified")):
+        return not_modified(tag)
+    return streamed(
+        request,
+        _snapped(catalogue, query, pieces),
+        chosen.media_type,
+        {"ETag": tag, "Vary": "Accept", **modified, **headers},
+    )
+
+
+def _snapped(catalogue: Catalogue, query: BurstQuery, pieces: Pieces) -> Generator[bytes]:
+    with catalogue.snapshot(), closing(all_bursts(catalogue, query)) as found:
+        first = list(islice(found, 1))  # before the reply begins, which no error can follow
+        yield from pieces(catalogue, chain(first, found))
+
+
+def table_reply(
+    chosen: Format, table: RecordTable, name: str, following: str | None = None, changed: datetime | None = None
+) -> Response:
     """Reply that holds a table as a file.
 
     Parameters
@@ -157,8 +250,11 @@ def table_reply(chosen: Format, table: RecordTable, name: str, following: str | 
         Of the file, without its ending.
     following : str, optional
         Address of the next page; the header of the table and a Link header say it.
+    changed : datetime, optional
+        When any of this was changed last.
     """
     headers = {"Content-Disposition": f'attachment; filename="{name}{chosen.suffix}"', "Vary": "Accept"}
+    headers |= last_modified(changed)
     if following:
         headers["Link"] = f'<{following}>; rel="next"'
         table = RecordTable(table.schema, table.data, {**table.header, "truncated": "yes", "next": following})
@@ -175,21 +271,6 @@ def table_of_rows(schema: Schema, rows: Iterable[Mapping[str, object]], **header
     return record_table(schema, rows, {**FRAME, **header})
 
 
-def burst_table(summaries: Iterable[BurstSummary]) -> RecordTable:
-    """Table of bursts, each with what its preferred solution says."""
-    return table_of_rows(BURSTS, map(burst_row, summaries))
-
-
 def detection_table(found: Iterable[Detection]) -> RecordTable:
     """Table of detections."""
     return table_of_rows(DETECTIONS, map(asdict, found))
-
-
-def track_table(catalogue: Catalogue, summaries: Iterable[BurstSummary]) -> RecordTable:
-    """Table of the joint tracks of the preferred solutions of bursts; bursts without a track are left out."""
-    return table_of_rows(TRACKS, track_rows(catalogue, summaries))
-
-
-def localisation_table(catalogue: Catalogue, solutions: Iterable[Solution]) -> RecordTable:
-    """Table of the sources of solutions at each frequency."""
-    return table_of_rows(LOCALISATIONS, localisation_rows(catalogue, solutions))

@@ -19,6 +19,7 @@ EXTRA_OF = {
     "pymc": "reference",
     "radiospectra": "radiospectra",
     "sqlalchemy": "service",
+    "typst": "service",
     "uvicorn": "service",
     "zarr": "zarr",
 }

@@ -4,6 +4,7 @@ Everything here is frozen and is written to JSON as it stands; numbers that are 
 """
 
 import math
+from datetime import date
 from enum import StrEnum
 from statistics import NormalDist
 from typing import Any, Literal
@@ -273,8 +274,11 @@ class Track(Record):
     two_step: dict[str, Any] = Field(default_factory=dict)
     two_step_other_rotations: dict[str, dict[str, Any]] = Field(default_factory=dict)
     companions: dict[str, dict[str, Any]] = Field(default_factory=dict)
+    companions_pending: bool = Field(
+        default=False, description="Whether `companions` are still being computed: they follow under the same id."
+    )
     preliminary: PreliminaryLevel | None = Field(
-        default=None, description="Of a burst that only two spacecraft had heard before: how well that held."
+        default=None, description="Of a burst that only two spacecraft had received before: how well that held."
     )
 
 
@@ -320,3 +324,27 @@ class Alert(Record):
     phi0_68: tuple[Interval, ...] = ()
     sources: tuple[AlertSource, ...] = ()
     flags: tuple[str, ...] = ()
+
+
+class Prediction(Record):
+    """Size of the 68 % region of a source in the ecliptic plane by distance and direction, for a fleet on a day."""
+
+    day: date
+    sigma_s: float = Field(description="Timing error that is taken for every receiver, s.")
+    frequency_mhz: float
+    frequency_rsun: float = Field(
+        description="Where the density of Leblanc et al. (1998) emits this frequency as harmonic, solar radii."
+    )
+    receivers_rsun: dict[str, tuple[float, float, float]] = Field(description="HEE at noon, solar radii.")
+    missing: dict[str, str] = Field(description="Spacecraft that were asked for and whose position is not known.")
+    localisable: bool = Field(description="Three or more spacecraft: a source could be located.")
+    distances_rsun: tuple[float, ...]
+    longitudes_deg: tuple[float, ...] = Field(description="HEE, west positive.")
+    radius68_rsun: tuple[tuple[float | None, ...], ...] = Field(
+        description="Radius of the circle that has the area of the 68 % region, solar radii; a row for each distance, "
+        "in it each longitude; null where it is not known."
+    )
+
+    def row(self, distance_rsun: float) -> tuple[float | None, ...]:
+        """Radii at one of the distances."""
+        return self.radius68_rsun[self.distances_rsun.index(distance_rsun)]

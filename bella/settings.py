@@ -82,7 +82,7 @@ class Settings(BaseSettings):
     days_schedule_s: PositiveFloat = Field(
         default=600.0,
         description="Interval at which a run over the recent days begins, s; until the next one it looks at the mirror "
-        "every two seconds.",
+        "every second.",
     )
     ingest_schedule_s: PositiveFloat = Field(
         default=300.0, description="Interval at which the archives are asked for what is due, s."
@@ -114,6 +114,14 @@ class Settings(BaseSettings):
         default="https://www.ngdc.noaa.gov",
         description="Archive that NOAA's Solar Region Summaries are fetched from: URL, or folder, below which stp is.",
     )
+    swpc_archive: str = Field(
+        default="https://services.swpc.noaa.gov",
+        description="Service of NOAA/SWPC that flares of the newest days are fetched from; empty for none.",
+    )
+    donki_archive: str = Field(
+        default="https://kauai.ccmc.gsfc.nasa.gov",
+        description="Service DONKI that flares, CMEs and particle events are fetched from; empty for none.",
+    )
     archive_interval_s: PositiveFloat = Field(
         default=1.0, description="Least time between two requests to the archive, s."
     )
@@ -135,8 +143,8 @@ class Settings(BaseSettings):
     events: Path | None = Field(
         default=None,
         description="Folder of lists of flares, CMEs, particle events and radio bursts that others published "
-        "(`docs/linked-events.md`); `bella fetch --follow` puts NOAA's flares there. Without it bursts have no linked "
-        "events.",
+        "(`docs/linked-events.md`); `bella fetch --follow` puts those of NOAA and DONKI there. Without it bursts have "
+        "no linked events.",
     )
 
     @field_validator("in_situ", "regions", "events", mode="before")

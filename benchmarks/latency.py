@@ -31,7 +31,8 @@ DATASETS = ("WI_K0_WAV", "STEREO_LEVEL2_SWAVES", "SOLO_L3_RPW-TNR-SURV-FLUX", "S
 LAST_DAY = date(2026, 8, 10)
 """Near the end of the packaged positions of STEREO-A."""
 
-MOST_S, POLL_S = 3600.0, 0.5
+MOST_S, POLL_S, WORKERS = 3600.0, 0.5, 2
+"""Longest wait for a track, time between two requests, s; and workers, as many as ``docker-compose.yml`` has."""
 
 
 def arrive(files: Sequence[Path], source: Path, mirror: Path) -> None:
@@ -83,7 +84,7 @@ def measure(days: int, backfill: int, folder: Path) -> dict[str, Any]:
     settings = Settings(home=home)
     recent = (datetime.now(UTC).date() - first) // timedelta(days=1)
     found: dict[str, list[float | None]] = {}
-    with Services(home, {"BELLA_RECENT_DAYS": f"{recent}"}) as services:
+    with Services(home, {"BELLA_RECENT_DAYS": f"{recent}", "BELLA_WORKERS": f"{WORKERS}"}) as services:
         services.start("worker")
         for name, wanted in (("quiet", plan.all_days[:days]), ("beside a backfill", plan.all_days[days : 2 * days])):
             if name != "quiet":

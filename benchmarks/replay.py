@@ -471,7 +471,7 @@ def compare(plan: Plan, folder: Path) -> dict[str, Any]:
                 stack.enter_context(small_disk(place / "bella-home"))
             homes.append(Home(place / "bella-home", place / "archive"))
             if name == "disturbed":
-                homes[-1].services = stack.enter_context(Services(homes[-1].path))
+                homes[-1].services = stack.enter_context(Services(homes[-1].path)).watch()
             replay(homes[-1], plan, steps, source, quiet=name == "quiet")
         return report(*homes, plan)
 

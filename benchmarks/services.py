@@ -42,12 +42,18 @@ class Services:
     home : pathlib.Path
     settings : dict of str to str
         Variables of the service beside its home and its database.
+    names : tuple of str
+        What is started at once; without "database" the catalogue is a file in the home.
+    api_processes : int
+        That answer requests.
     answers : collections.Counter
         Replies of the API by status ("none" where it did not answer) and by whether the database was up.
     """
 
     home: Path
     settings: dict[str, str] = field(default_factory=dict)
+    names: tuple[str, ...] = ("database", "prefect", "api")
+    api_processes: int = 1
     answers: "Counter[str]" = field(default_factory=Counter)
     _running: dict[str, "subprocess.Popen[bytes]"] = field(default_factory=dict)
     _ended: threading.Event = field(default_factory=threading.Event)
@@ -55,12 +61,13 @@ class Services:
     def __enter__(self) -> "Services":
         self.folder = Path(tempfile.mkdtemp(prefix="bella-services-"))
         self.ports = {name: _free_port() for name in ("database", "prefect", "api")}
-        self._database_is_up = False
-        self._make_databases()
-        Catalogue.open(self.environment["BELLA_DATABASE_URL"], create=True).close()
-        for name in ("prefect", "api"):
-            self.start(name)
-        threading.Thread(target=self._probe, name="probe", daemon=True).start()
+        self._database_is_up, self._programs = False, programs() or Path()
+        if "database" in self.names:
+            self._make_databases()
+            Catalogue.open(self.environment["BELLA_DATABASE_URL"], create=True).close()
+        for name in self.names:
+            if name != "database":
+                self.start(name)
         return self
 
     def __exit__(self, *_: object) -> None:
@@ -72,12 +79,13 @@ class Services:
     @property
     def environment(self) -> dict[str, str]:
         """Variables with which a command works on the home of these services."""
+        url = f"postgresql+psycopg://bella@127.0.0.1:{self.ports['database']}/bella"
         return {
             "PATH": os.environ["PATH"],
             "HOME": str(self.folder),
             "OPENBLAS_NUM_THREADS": "1",
             "BELLA_HOME": str(self.home),
-            "BELLA_DATABASE_URL": f"postgresql+psycopg://bella@127.0.0.1:{self.ports['database']}/bella",
+            **({"BELLA_DATABASE_URL": url} if "database" in self.names else {}),
             "PREFECT_SERVER_ANALYTICS_ENABLED": "false",
             "PREFECT_API_URL": f"http://127.0.0.1:{self.ports['prefect']}/api",
             **self.settings,
@@ -91,6 +99,15 @@ class Services:
             return
         _until(lambda: self._answers(name), f"{name} answers: see {self.folder / 'log'}")
         self._database_is_up |= name == "database"
+
+    def watch(self) -> "Services":
+        """Ask the API again and again, and count its `answers`, from now on."""
+        threading.Thread(target=self._probe, name="probe", daemon=True).start()
+        return self
+
+    def process_id(self, name: str) -> int:
+        """Number of the process of a service."""
+        return self._running[name].pid
 
     def kill(self, name: str) -> None:
         """End a service with kill -9, and all that it has started."""
@@ -110,11 +127,12 @@ class Services:
         prefect = {"PREFECT_API_DATABASE_CONNECTION_URL": database, "PREFECT_HOME": str(self.folder / "prefect")}
         options = {"listen_addresses": "127.0.0.1", "port": ports["database"], "unix_socket_directories": ""}
         given = [f"--{name}={value}" for name, value in options.items()]
+        processes = ["--processes", f"{self.api_processes}"]
         listen, server = ["--host", "127.0.0.1", "--port"], ["server", "start", "--no-ui"]
         return {
             "database": ([str(self._programs / "postgres"), "-D", str(self.folder / "data"), *given], {}),
             "prefect": ([python, "-m", "prefect", *server, *listen, f"{ports['prefect']}"], prefect),
-            "api": ([python, "-m", "api.serve", *listen, f"{ports['api']}"], {}),
+            "api": ([python, "-m", "api.serve", *listen, f"{ports['api']}", *processes], {}),
             "worker": ([python, "-m", "flows.serve"], {}),
         }
 
@@ -133,13 +151,11 @@ class Services:
             )
 
     def _make_databases(self) -> None:
-        found = programs()
-        if found is None:
-            raise RuntimeError(f"the replay needs PostgreSQL below {INSTALLED}")
-        self._programs = found
+        if not self._programs.is_absolute():
+            raise RuntimeError(f"PostgreSQL is needed below {INSTALLED}")
         account = _account(self.folder)
         initialise = [
-            found / "initdb",
+            self._programs / "initdb",
             "-D",
             self.folder / "data",
             "--username=bella",
@@ -150,7 +166,7 @@ class Services:
         self.start("database")
         for name in ("bella", "prefect"):
             place = ["--host=127.0.0.1", f"--port={self.ports['database']}", "--username=bella", name]
-            subprocess.run([found / "createdb", *place], check=True, capture_output=True)
+            subprocess.run([self._programs / "createdb", *place], check=True, capture_output=True)
 
     def _answers(self, name: str) -> bool:
         if self._running[name].poll() is not None:  # an earlier one was not quite gone

@@ -1,12 +1,17 @@
-"""Flows over single bursts: the built-in event, and the tables that were submitted since the last time."""
+"""Flows over single bursts, and those that keep the service alive: filling the mirror, the mock burst, housekeeping."""
+
+from contextlib import closing
+from importlib import import_module
 
 from prefect import flow
 from prefect.artifacts import create_table_artifact
 
 from bella.bursts.event import EVENT
+from bella.catalogue import Catalogue
 from bella.exceptions import NotPlacedError
 from bella.logs import log_to
 from bella.pipeline.burst import Choice, Outcome, summary_table
+from bella.pipeline.housekeeping import has_event, sweep_store
 from bella.pipeline.run import Run, process_submissions
 from bella.pipeline.workers import Workers
 from bella.settings import Settings
@@ -15,18 +20,7 @@ from flows.tasks import burst, run_name
 
 @flow(name="localise-burst", validate_parameters=False)
 def localise_burst(subject: str = EVENT.name, choice: Choice | None = None) -> list[Outcome]:
-    """Localise one burst with every definition of its edge, and publish what is new.
-
-    Parameters
-    ----------
-    subject : str
-        Date of the built-in event, or checksum of an arrival table that was submitted.
-    choice : Choice, optional
-
-    Returns
-    -------
-    list of Outcome
-        One per definition of the edge.
+    """Localise the built-in event with every definition of its edge, and publish what is new.
 
     Raises
     ------
@@ -49,3 +43,32 @@ def submissions() -> int:
     settings = Settings()
     with Workers(1, settings) as workers:
         return process_submissions(Run(settings, run_name(), workers))
+
+
+@flow(name="ingest", retries=1, retry_delay_seconds=30)
+def ingest() -> None:
+    """Bring the mirror, the ephemeris and the surroundings up to date."""
+    log_to(None)
+    import_module("bella.pipeline.ingest").bring_up_to_date(Settings())
+
+
+@flow(name="mock-burst")
+def mock_burst() -> None:
+    """Send a simulated burst through the whole path."""
+    log_to(None)
+    import_module("bella.pipeline.mock").run_mock_burst(Settings())
+
+
+@flow(name="housekeeping")
+def housekeeping() -> list[str]:
+    """Sweep the store, publish the built-in event where it is not there, link events; returns what was removed."""
+    log_to(None)
+    settings = Settings()
+    with closing(Catalogue.open(settings.catalogue_url, create=True)) as catalogue:
+        removed = sweep_store(catalogue, settings, run_name())
+        is_there = has_event(catalogue)
+    if not is_there:
+        localise_burst()
+    if settings.events is not None and settings.events.is_dir():  # the fetcher makes it with the first file
+        import_module("bella.pipeline.linked_events").refresh_events(settings)
+    return removed

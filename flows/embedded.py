@@ -40,18 +40,16 @@ def prefect_server() -> Iterator[str]:
         server = uvicorn.Server(uvicorn.Config(create_app(ephemeral=True), log_level="critical", lifespan="on"))
         thread = threading.Thread(target=server.run, args=([listening],), name="prefect server", daemon=True)
         thread.start()
+        until = time.monotonic() + START_S
         try:
-            _wait_until_started(server, thread)
+            while not server.started:
+                if not thread.is_alive() or time.monotonic() > until:
+                    raise UnreachableError(
+                        "the embedded Prefect server did not start: is the home folder writable and whole?"
+                    )
+                time.sleep(0.02)
             with temporary_settings({PREFECT_API_URL: url}):
                 yield url
         finally:
             server.should_exit = True
             thread.join(STOP_S)
-
-
-def _wait_until_started(server: uvicorn.Server, thread: threading.Thread) -> None:
-    until = time.monotonic() + START_S
-    while not server.started:
-        if not thread.is_alive() or time.monotonic() > until:
-            raise UnreachableError("the embedded Prefect server did not start: is the home folder writable and whole?")
-        time.sleep(0.02)

@@ -17,8 +17,6 @@ from bella.settings import Settings, read_settings
 
 FIRST_RUN_AFTER = timedelta(seconds=10)
 INGEST, SCHEDULED = "ingest", "scheduled"
-
-
 MOST_RUNS = 200
 """Of one answer of Prefect's API."""
 
@@ -54,7 +52,9 @@ def main(names: Sequence[str] = ()) -> None:
         raise InputError(f"there is no deployment {unknown[0]!r}: choose from {', '.join(known)}")
     prepare(settings)
     log_to(None)
-    _lay_out(settings)
+    # schema and store are there before the first run, so that the API is well although nothing was localised yet
+    settings.store_root.mkdir(parents=True, exist_ok=True)
+    Catalogue.open(settings.catalogue_url, create=True).close()
     from prefect import serve  # noqa: PLC0415 - Prefect reads its settings when imported
 
     from flows.tasks import answering  # noqa: PLC0415 - the same
@@ -70,58 +70,40 @@ def _deployments(names: Sequence[str], settings: Settings) -> list[Any]:
     from prefect.client.schemas.objects import ConcurrencyLimitConfig, ConcurrencyLimitStrategy  # noqa: PLC0415
     from prefect.schedules import Interval  # noqa: PLC0415
 
-    from flows.bursts import submissions  # noqa: PLC0415
-    from flows.days import recent_days  # noqa: PLC0415
-    from flows.upkeep import housekeeping, ingest, mock_burst  # noqa: PLC0415
+    from flows import bursts, days  # noqa: PLC0415
 
-    flows = {one.name: one for one in (submissions, recent_days, mock_burst, housekeeping, ingest)}
-    alone = ConcurrencyLimitConfig(limit=1, collision_strategy=ConcurrencyLimitStrategy.CANCEL_NEW)
+    flows = (bursts.submissions, days.recent_days, bursts.mock_burst, bursts.housekeeping, bursts.ingest)
     # counted from now, so that a worker that was away does at once what it missed
     first = datetime.now(UTC) + FIRST_RUN_AFTER
     return [
-        flows[name].to_deployment(
+        flow.to_deployment(
             name=SCHEDULED,
-            schedule=Interval(timedelta(seconds=intervals_s(settings)[name]), anchor_date=first),
-            description=(flows[name].description or "").partition("\n")[0],
-            concurrency_limit=alone,
+            schedule=Interval(timedelta(seconds=intervals_s(settings)[flow.name]), anchor_date=first),
+            description=(flow.description or "").partition("\n")[0],
+            concurrency_limit=ConcurrencyLimitConfig(limit=1, collision_strategy=ConcurrencyLimitStrategy.CANCEL_NEW),
         )
-        for name in names
+        for flow in flows
+        if flow.name in names
     ]
 
 
 def _end_dead_runs(names: Sequence[str]) -> None:
     """Tell Prefect that runs of a worker that was killed have ended: it would keep their place for ever."""
     from prefect.client.orchestration import get_client  # noqa: PLC0415
-    from prefect.client.schemas.filters import (  # noqa: PLC0415
-        DeploymentFilter,
-        DeploymentFilterName,
-        FlowFilter,
-        FlowFilterName,
-        FlowRunFilter,
-        FlowRunFilterState,
-        FlowRunFilterStateType,
-    )
-    from prefect.client.schemas.objects import StateType  # noqa: PLC0415
+    from prefect.client.schemas.filters import DeploymentFilter, FlowFilter, FlowRunFilter  # noqa: PLC0415
     from prefect.client.schemas.sorting import FlowRunSort  # noqa: PLC0415
     from prefect.states import Crashed  # noqa: PLC0415
 
-    alive = FlowRunFilterStateType(any_=[StateType.RUNNING, StateType.PENDING])
     with get_client(sync_client=True) as client:
         runs = client.read_flow_runs(
-            flow_filter=FlowFilter(name=FlowFilterName(any_=list(names))),
-            flow_run_filter=FlowRunFilter(state=FlowRunFilterState(type=alive)),
-            deployment_filter=DeploymentFilter(name=DeploymentFilterName(any_=[SCHEDULED])),
+            flow_filter=FlowFilter.model_validate({"name": {"any_": list(names)}}),
+            flow_run_filter=FlowRunFilter.model_validate({"state": {"type": {"any_": ["RUNNING", "PENDING"]}}}),
+            deployment_filter=DeploymentFilter.model_validate({"name": {"any_": [SCHEDULED]}}),
             limit=MOST_RUNS,
             sort=FlowRunSort.ID_DESC,
         )
         for run in runs:
             client.set_flow_run_state(run.id, Crashed(message="its worker was killed"))
-
-
-def _lay_out(settings: Settings) -> None:
-    """Make schema and store before the first run, so that the API is well although nothing was localised yet."""
-    settings.store_root.mkdir(parents=True, exist_ok=True)
-    Catalogue.open(settings.catalogue_url, create=True).close()
 
 
 if __name__ == "__main__":

@@ -14,10 +14,8 @@ from prefect.runtime import flow_run
 from prefect.tasks import Task
 
 from bella.exceptions import BellaError, UnreachableError
-from bella.pipeline.burst import BurstOutcome
 from bella.pipeline.day import KnownBurst
 from bella.pipeline.day_files import DayFiles, fetch_range
-from bella.pipeline.outcome import DayOutcome
 from bella.pipeline.run import RETRY_DELAYS_S, Pending, Run, process_day, process_subject
 from bella.settings import Settings
 
@@ -42,22 +40,7 @@ def batch(name: str) -> Callable[[Callable[P, R]], Task[P, R]]:
     )
 
 
-@batch("fetch")
-def fetch(days: Sequence[date], archive: str, settings: Settings) -> tuple[str, ...]:
-    """Bring days into the mirror."""
-    return fetch_range(days, archive, settings)
-
-
-@batch("day")
-def day(files: DayFiles, known: Sequence[KnownBurst], run: Run) -> DayOutcome:
-    """Search a day and localise its bursts."""
-    return process_day(files, known, run)
-
-
-@batch("burst")
-def burst(subject: str, run: Run) -> BurstOutcome:
-    """Localise the built-in event or a submitted table."""
-    return process_subject(subject, run)
+fetch, day, burst = batch("fetch")(fetch_range), batch("day")(process_day), batch("burst")(process_subject)
 
 
 class Tasks:

@@ -74,7 +74,7 @@ def test_figures_are_drawn(files: list[str], tmp_path: Path) -> None:
 
     assert result.exit_code == 0, result.output
     assert {path.name for path in (tmp_path / "figures").iterdir()} == {
-        "aligned.png",
+        "aligned.svg",
         "light_curves.png",
         "shared_profile.png",
     }

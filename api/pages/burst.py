@@ -7,14 +7,16 @@ from fastapi import APIRouter, Request
 from fastapi.responses import HTMLResponse
 from markupsafe import Markup
 
+from api.addresses import burst_links, day_links
 from api.calibration import calibration_of
 from api.drawing import BurstView, Looked
+from api.links import site_url
 from api.pages.track import track_page
 from api.queries import CHOICES
 from api.rendering import render, series_query, written_interval
 from api.routers.bursts import versions_of
 from api.routers.solutions import sources_of
-from api.schemas import SolutionReply, burst_links, day_links
+from api.schemas import SolutionReply
 from api.service import CatalogueHere, ServiceHere
 from bella.answer import GRADES
 from bella.catalogue import Burst, Catalogue, Solution
@@ -29,13 +31,6 @@ router = APIRouter(include_in_schema=False)
 NO_TABLE = "tfcat"
 """It holds detections alone."""
 
-FIGURES = {
-    "constellation": "Map",
-    "spectra": "Spectra",
-    "evolution": "Distance and speed",
-    "residuals": "Residuals",
-}
-
 
 @router.get("/bursts/{burst_id}")
 def burst_page(request: Request, burst_id: str, service: ServiceHere, catalogue: CatalogueHere) -> HTMLResponse:
@@ -47,8 +42,6 @@ def burst_page(request: Request, burst_id: str, service: ServiceHere, catalogue:
     links = burst_links(burst)
     spectra, no_spectra = _spectra(looked)
     evolution, residuals = looked.evolution(), looked.residuals()
-    figures = {"constellation": True, "spectra": spectra, "evolution": evolution, "residuals": residuals}
-    drawn = {name for name, figure in figures.items() if figure}
     versions = catalogue.versions(burst_id)
     replaced = {one.supersedes for one in versions}
     return render(
@@ -64,7 +57,8 @@ def burst_page(request: Request, burst_id: str, service: ServiceHere, catalogue:
         others=looked.others,
         reply=SolutionReply.of(shown) if shown else None,
         permanent=f"{links['page']}?{series_query(shown, with_version=True)}" if shown else links["page"],
-        picture=f"{links['self']}/figures/constellation" if shown else None,
+        picture=f"{links['self']}/figures/constellation.png" if shown else None,
+        look=_look(shown, view),
         constellation=Markup(looked.constellation()),  # noqa: S704 - drawn here, and its texts are escaped
         spectra=spectra,
         no_spectra=no_spectra,
@@ -82,8 +76,8 @@ def burst_page(request: Request, burst_id: str, service: ServiceHere, catalogue:
         sources=sources_of(catalogue, shown.solution_id) if shown else [],
         linked=catalogue.events.of_burst(burst_id),
         event_lists=catalogue.events.lists(),
-        downloads=_downloads(links, shown, view, drawn) if shown else [],
-        base_url=str(request.base_url).rstrip("/"),
+        downloads=_downloads(links, shown, is_placed=evolution is not None) if shown else [],
+        site_url=site_url(request),
         **track_page(looked, service.settings),
     )
 
@@ -116,22 +110,25 @@ def _channel(looked: Looked) -> dict[str, Any]:
     }
 
 
+def _look(shown: Solution | None, view: BurstView) -> str:
+    """Query of a figure as it is shown, of this version of the answer."""
+    asked = view.model_dump(exclude_defaults=True, exclude=set(CHOICES))
+    parts = [series_query(shown, with_version=True) if shown else "", urlencode(asked, safe=",:")]
+    joined = "&".join(part for part in parts if part)
+    return f"?{joined}" if joined else ""
+
+
 def _downloads(
-    links: dict[str, str], shown: Solution, view: BurstView, drawn: set[str]
+    links: dict[str, str], shown: Solution, *, is_placed: bool
 ) -> list[tuple[str, str, list[tuple[str, str]]]]:
     """Rows of words, address, and kinds with the query that asks for each."""
     pick = series_query(shown, with_version=True)
     tables = [(one.name, f"?{pick}&format={one.name}") for one in FORMATS.values() if one.name != NO_TABLE]
-    look = f"?{pick}&{urlencode(view.model_dump(exclude_defaults=True, exclude=set(CHOICES)))}".rstrip("&")
-    placed = [("Positions by frequency", links["track"], tables)] if "evolution" in drawn else []
-    figures = [
-        (words, f"{links['self']}/figures/{name}", [("SVG", look)]) for name, words in FIGURES.items() if name in drawn
-    ]
+    placed = [("Positions by frequency", links["track"], tables)] if is_placed else []
     return [
         *placed,
         ("Arrival times", f"{links['self']}/arrivals", tables),
         ("Posterior, summary", links["posterior"], [("json", f"?{pick}")]),
-        *figures,
     ]
 
 

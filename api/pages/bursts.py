@@ -1,27 +1,28 @@
 """The list of bursts: each with its answer and a small picture of its track, and a form that writes the query."""
 
 from collections.abc import Sequence
+from datetime import UTC, date, datetime, timedelta
 from typing import Any
 from urllib.parse import urlencode
 
 import numpy as np
-from fastapi import APIRouter, Request, Response
+from fastapi import APIRouter, Request
 from fastapi.responses import HTMLResponse, RedirectResponse
 from markupsafe import Markup
 from pydantic import ValidationError
 
+from api.addresses import burst_links
 from api.asking import asked_of, fault_words
 from api.drawing import places_of
-from api.freshness import IMMUTABLE
 from api.queries import NEWEST_FIRST, BurstFilter
 from api.rendering import render
-from api.schemas import burst_links
+from api.selection import sector_address, selection_of, selection_query
 from api.service import CatalogueHere
 from bella.answer import GRADES
 from bella.catalogue import BurstPage, BurstQuery, BurstSummary, Catalogue
 from bella.exceptions import InputError, NoDataError
 from bella.flags import FLAGS, HARMLESS_FLAGS
-from bella.plotting import Marked, figure_style, selection_figure, thumbnail
+from bella.plotting import thumbnail
 from bella.records import ALL_ORIGINS, REAL_ORIGINS, Origin
 from bella.spacecraft import OBSERVATORIES
 
@@ -50,8 +51,10 @@ NUMBERS = {
 FARTHEST = 1.3
 """Of the answer: positions farther out are of channels that say nothing."""
 
+RECENT_DAYS = (7, 30, 365)
+
 MOST_PICTURES = 200
-"""Beyond so many rows a list has no pictures of tracks: each is a look into the catalogue."""
+"""Beyond so many rows a list has no pictures of tracks."""
 
 
 @router.get("/")
@@ -68,17 +71,18 @@ def list_page(request: Request, catalogue: CatalogueHere) -> HTMLResponse:
         real=REAL_ORIGINS,
         origins=[*Origin, ALL_ORIGINS],
         rows=[(summary, burst_links(summary.burst), picture) for summary, picture in _pictured(catalogue, bursts)],
-        plot=Markup(selection_figure([*map(_marked, bursts)])) if len(bursts) > 1 else None,  # noqa: S704 - drawn here
+        plots=_plots(catalogue, asked) if page else {},
         page=page,
         fault=fault,
         asked={name: asked.get(name, [] if name in LISTS else "") for name in FILTER_NAMES},
         filtered=any(asked.get(name) for name in FILTER_NAMES - {"limit", "cursor", "sort"}),
         onward=urlencode({**asked, "cursor": following}, doseq=True) if following else None,
         first=urlencode({name: value for name, value in asked.items() if name != "cursor"}, doseq=True),
-        selection=urlencode({n: v for n, v in asked.items() if v and n not in {"cursor", "limit", "sort"}}, doseq=True),
+        selection=selection_query(asked),
         is_empty=page is not None and page.total == 0 and catalogue.bursts(BurstQuery(limit=1)).total == 0,
         observatories=list(dict.fromkeys([*OBSERVATORIES, *asked.get("observatory", [])])),
         flags=FLAGS,
+        recent=_recent(),
         sorts=SORTS,
         numbers=NUMBERS,
         more=any(asked.get(f"{name}_{end}") for name in NUMBERS for end in ("min", "max")),
@@ -103,12 +107,6 @@ def latest(catalogue: CatalogueHere) -> RedirectResponse:
     return RedirectResponse(burst_links(newest[0].burst)["page"], 302)
 
 
-@router.get("/static/figure.css")
-def style() -> Response:
-    """Style sheet of the figures, on pages and in files the same."""
-    return Response(figure_style(), media_type="text/css", headers={"Cache-Control": IMMUTABLE})
-
-
 def _answer(catalogue: Catalogue, asked: dict[str, Any]) -> tuple[BurstPage | None, str | None]:
     """Page of bursts, or what is wrong with the question."""
     try:
@@ -117,19 +115,38 @@ def _answer(catalogue: Catalogue, asked: dict[str, Any]) -> tuple[BurstPage | No
         return None, fault_words(error)
 
 
+def _recent() -> list[tuple[int, date]]:
+    """Lengths of time until today, each with its first day."""
+    today = datetime.now(UTC).date()
+    return [(days, today - timedelta(days=days)) for days in RECENT_DAYS]
+
+
+def _plots(catalogue: Catalogue, asked: dict[str, Any]) -> dict[str, Any]:
+    """Figures of all bursts that the query finds, and how many of them they show."""
+    found = selection_of(catalogue, BurstFilter.model_validate(asked))
+    drawn = found.figures(sector_address(asked))
+    return {
+        "shown": len(found.bursts),
+        "total": found.total,
+        "figures": {name: Markup(one) for name, one in drawn.items()},  # noqa: S704 - drawn here
+    }
+
+
 def _pictured(catalogue: Catalogue, bursts: Sequence[BurstSummary]) -> list[tuple[BurstSummary, Markup | None]]:
-    is_drawn = len(bursts) <= MOST_PICTURES
-    return [(one, _picture(catalogue, one) if is_drawn and one.preferred else None) for one in bursts]
+    """Bursts, each beside the picture of the track of its preferred solution; none of any where they are many."""
+    answers = [one.preferred for one in bursts if one.preferred] if len(bursts) <= MOST_PICTURES else []
+    places = catalogue.places_of([one.solution_id for one in answers])
+    drawn = {one.burst_id: places[one.solution_id] for one in answers}
+    return [(one, _picture(one, drawn[one.burst.burst_id]) if one.burst.burst_id in drawn else None) for one in bursts]
 
 
-def _picture(catalogue: Catalogue, summary: BurstSummary) -> Markup:
+def _picture(summary: BurstSummary, found: Sequence[tuple[float, float]]) -> Markup:
     """Small picture of the track of the preferred solution."""
     burst, best = summary.burst, summary.preferred
     assert best is not None  # noqa: S101 - the caller has looked
-    rows = sorted(catalogue.localisations(best.solution_id), key=lambda row: row.frequency_mhz)
     answer = best.answer
     reach = FARTHEST * (answer.range_high_rsun or np.inf)
-    places = np.array([(row.x_rsun, row.y_rsun) for row in rows]).reshape(-1, 2)
+    places = np.array(found).reshape(-1, 2)
     places = places[np.hypot(*places.T) <= reach]
     ends = None
     if answer.phi0_low_deg is not None and answer.phi0_high_deg is not None:
@@ -137,17 +154,3 @@ def _picture(catalogue: Catalogue, summary: BurstSummary) -> Markup:
     utc = np.datetime64(burst.start_utc.replace(tzinfo=None), "ns")
     said = f"Track of {burst.burst_id}: {answer.sentence}"
     return Markup(thumbnail(places, ends, places_of(burst.observatories, utc), said))  # noqa: S704 - drawn here
-
-
-def _marked(summary: BurstSummary) -> Marked:
-    burst, best = summary.burst, summary.preferred
-    answer = best.answer if best else None
-    return Marked(
-        burst.start_utc,
-        answer.phi0_deg if answer else None,
-        answer.phi0_low_deg if answer else None,
-        answer.phi0_high_deg if answer else None,
-        answer.grade if answer else "D",
-        f"{burst.burst_id}: {answer.sentence if answer else 'no answer'}",
-        burst_links(burst)["page"],
-    )

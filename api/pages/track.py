@@ -4,8 +4,8 @@ import math
 from collections.abc import Mapping
 from typing import Any
 
+from api.addresses import figure_path
 from api.drawing import Looked
-from api.schemas import figure_path
 from bella.answer import interval_68
 from bella.catalogue import Solution
 from bella.flags import DISAGREE_SD

@@ -13,7 +13,8 @@ from starlette.concurrency import run_in_threadpool
 
 from api.freshness import REVALIDATE, is_known, not_modified, tag_of
 from api.queries import AlertFilter, AlertStreamFilter
-from api.schemas import Json, Reply
+from api.replies import Reply
+from api.schemas import Json
 from api.service import CatalogueHere, Service, ServiceHere
 from bella.exceptions import BusyError
 from bella.formats.alerts import alert_document, alert_schema, atom_feed, server_sent_event

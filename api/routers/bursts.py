@@ -1,13 +1,15 @@
 """Bursts, their versions, tracks and posteriors."""
 
-import dataclasses
 import math
+from collections.abc import Iterable, Iterator
 from dataclasses import replace
 from typing import Annotated, Any
 
 from fastapi import APIRouter, Query, Request, Response
 from fastapi.responses import PlainTextResponse
 
+from api.addresses import zarr_path
+from api.freshness import last_modified
 from api.queries import BurstId, BurstSelection, FrequencyChoice, SolutionChoice, one_per_edge
 from api.queries import chosen as chosen_solution
 from api.schemas import (
@@ -22,24 +24,26 @@ from api.schemas import (
     VersionReply,
     VersionsReply,
     said_of,
-    zarr_path,
 )
 from api.service import CatalogueHere, ServiceHere
 from api.tables import (
+    BURST_TABLE,
     JSON,
     BurstTableFilter,
     TableChoice,
     asked_format,
-    burst_table,
+    burst_table_reply,
     in_all_formats,
-    localisation_table,
     next_address,
     table_reply,
+    whole_list,
 )
 from api.wording import APPARENT_SOURCE
-from bella.catalogue import Catalogue, Localisation, Solution
+from bella.catalogue import BurstSummary, Catalogue, Localisation, Solution
 from bella.exceptions import NoDataError
-from bella.formats import localisation_csv
+from bella.formats import LOCALISATIONS, localisation_csv, record_table
+from bella.formats.text import json_list
+from bella.pipeline.rows import localisation_rows
 from bella.plotting import edge_name, selected_regions
 from bella.plotting.geometry import significant
 
@@ -52,12 +56,13 @@ def bursts(
 ) -> BurstsReply | Response:
     """Bursts by what is said of them, the newest first unless `sort` says otherwise; as JSON or as a table."""
     chosen = asked_format(request, wanted.format)
-    with catalogue.snapshot():
-        page = wanted.found(catalogue)
-    following = next_address(request, page.next_cursor)
     if chosen is not JSON:
-        return table_reply(chosen, burst_table(page.bursts), "bursts", following)
-    response.headers["Vary"] = "Accept"
+        return burst_table_reply(request, catalogue, wanted, chosen, BURST_TABLE)
+    if wanted.is_streamed(chosen):
+        return whole_list(request, catalogue, wanted.query(), chosen, _whole_json, {})
+    response.headers.update({"Vary": "Accept"} | last_modified(catalogue.changed_utc("bursts")))
+    page = catalogue.bursts(wanted.query())
+    following = next_address(request, page.next_cursor)
     return BurstsReply(
         bursts=[BurstReply.of(summary) for summary in page.bursts],
         total=page.total,
@@ -65,6 +70,20 @@ def bursts(
         truncated=following is not None,
         next=following,
     )
+
+
+def _whole_json(_: Catalogue, found: Iterable[BurstSummary]) -> Iterator[bytes]:
+    """A `BurstsReply` of all bursts, piece by piece."""
+    total = 0
+
+    def _items() -> Iterator[str]:
+        nonlocal total
+        for summary in found:
+            total += 1
+            yield BurstReply.of(summary).model_dump_json()
+
+    yield from json_list('{"bursts":[', _items(), "]")
+    yield f',"total":{total},"returned":{total},"truncated":false,"next":null}}'.encode()
 
 
 @router.get("/bursts/latest")
@@ -77,9 +96,11 @@ def latest_burst(catalogue: CatalogueHere, wanted: Annotated[BurstSelection, Que
 
 
 @router.get("/bursts/{burst_id}")
-def burst(burst_id: BurstId, catalogue: CatalogueHere) -> BurstReply:
+def burst(response: Response, burst_id: BurstId, catalogue: CatalogueHere) -> BurstReply:
     """One burst with the newest solution of each series."""
-    return BurstReply.of(catalogue.burst(burst_id), catalogue.events.of_burst(burst_id))
+    summary = catalogue.burst(burst_id)
+    response.headers.update(last_modified(summary.burst.updated_utc, catalogue.changed_utc("events")))
+    return BurstReply.of(summary, catalogue.events.of_burst(burst_id))
 
 
 @router.get("/bursts/{burst_id}/versions")
@@ -102,7 +123,9 @@ def track(
 ) -> TrackReply | Response:
     """Localisation table and track fit of one solution as JSON, or the localisation table alone in another format."""
     chosen = asked_format(request, choice.format)
+    updated_utc = catalogue.burst(burst_id).burst.updated_utc
     solution = pick(catalogue, burst_id, choice)
+    modified = last_modified(updated_utc, solution.pruned_utc)
     found = catalogue.localisations(solution.solution_id)
     fit = catalogue.track_fit(solution.solution_id)
     name = f"{burst_id}_{solution.series.edge}_{solution.series.preset}_v{solution.version}"
@@ -110,12 +133,13 @@ def track(
         return PlainTextResponse(
             localisation_csv([_record(row) for row in found], table_header(solution)),
             media_type="text/csv",
-            headers={"Content-Disposition": f'attachment; filename="{name}.csv"', "Vary": "Accept"},
+            headers={"Content-Disposition": f'attachment; filename="{name}.csv"', "Vary": "Accept", **modified},
         )
     if chosen is not JSON:
-        table = localisation_table(catalogue, [solution])
-        return table_reply(chosen, replace(table, header=table_header(solution)), name)
-    response.headers["Vary"] = "Accept"
+        rows = localisation_rows(catalogue, [solution])
+        whole = record_table(LOCALISATIONS, rows, table_header(solution))
+        return table_reply(chosen, whole, name, None, updated_utc)
+    response.headers.update({"Vary": "Accept"} | modified)
     return TrackReply(
         burst_id=burst_id,
         **said_of(solution),
@@ -127,11 +151,18 @@ def track(
 
 @router.get("/bursts/{burst_id}/posterior")
 def posterior(
-    request: Request, burst_id: BurstId, service: ServiceHere, choice: Annotated[SolutionChoice, Query()]
+    request: Request,
+    response: Response,
+    burst_id: BurstId,
+    service: ServiceHere,
+    choice: Annotated[SolutionChoice, Query()],
 ) -> PosteriorReply:
     """Summary of the posterior at each frequency, and the address of the Zarr group with all its draws."""
-    solution = pick(service.catalogue(), burst_id, choice)
+    catalogue = service.catalogue()
+    updated_utc = catalogue.burst(burst_id).burst.updated_utc
+    solution = pick(catalogue, burst_id, choice)
     group = service.posterior(solution)
+    response.headers.update(last_modified(updated_utc, solution.pruned_utc))
     numbers = [str(name) for name, variable in group.variables.items() if variable.dims == ("frequency",)]
     return PosteriorReply(
         burst_id=burst_id,
@@ -201,7 +232,7 @@ def table_header(solution: Solution) -> dict[str, str]:
 
 def _record(row: Localisation) -> dict[str, Any]:
     """Columns of one row; None where there is no number, which JSON has no other word for."""
-    columns = dataclasses.asdict(row)
+    columns = vars(row)
     return {
         name: None if isinstance(value, float) and not math.isfinite(value) else value
         for name, value in columns.items()

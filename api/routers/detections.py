@@ -1,14 +1,13 @@
-"""Detections: what each spacecraft heard on the days that were searched, placed or not, and why not."""
+"""Detections: what each spacecraft received on the days that were searched, localised or not, and why not."""
 
 from typing import Annotated
 
 from fastapi import APIRouter, Query, Request, Response
 
-from api.freshness import REVALIDATE, file_tag, is_known, not_modified
-from api.queries import DayFilter, DayText, OriginChoice, parse_day
-from api.routers.figures import svg_reply
-from api.schemas import DayReply, DaysReply, DaySummaryReply, DetectionReply, DetectionsReply
-from api.service import CatalogueHere, ServiceHere
+from api.day_replies import DayReply, DaysReply, DaySummaryReply, DetectionReply, DetectionsReply
+from api.freshness import last_modified
+from api.queries import DayFilter, DayText, OriginChoice
+from api.service import CatalogueHere
 from api.tables import (
     JSON,
     DetectionTableFilter,
@@ -18,8 +17,7 @@ from api.tables import (
     next_address,
     table_reply,
 )
-from bella.exceptions import NoDataError
-from bella.plotting import as_file
+from bella.times import parse_day
 
 router = APIRouter(prefix="/api/v1", tags=["detections"])
 
@@ -33,11 +31,12 @@ def detections(
     request: Request, response: Response, catalogue: CatalogueHere, wanted: Annotated[DetectionTableFilter, Query()]
 ) -> DetectionsReply | Response:
     """Detections, the newest onset first; a tier other than "localisable" comes with its reason."""
-    chosen, page = asked_format(request, wanted.format), catalogue.detections(wanted.query())
+    chosen, changed = asked_format(request, wanted.format), catalogue.changed_utc("days")
+    page = catalogue.detections(wanted.query())
     following = next_address(request, page.next_cursor)
     if chosen is not JSON:
-        return table_reply(chosen, detection_table(page.detections), "detections", following)
-    response.headers["Vary"] = "Accept"
+        return table_reply(chosen, detection_table(page.detections), "detections", following, changed)
+    response.headers.update({"Vary": "Accept"} | last_modified(changed))
     return DetectionsReply(
         detections=[DetectionReply.of(one) for one in page.detections],
         total=page.total,
@@ -49,7 +48,7 @@ def detections(
 
 @router.get("/days")
 def days(request: Request, catalogue: CatalogueHere, wanted: Annotated[DayFilter, Query()]) -> DaysReply:
-    """Searched days, the newest first, with how much was heard on each; both ends of the range belong to it."""
+    """Searched days, the newest first, with how much was received on each; both ends of the range belong to it."""
     page = catalogue.days(*wanted.span(), wanted.limit, wanted.origins, wanted.cursor)
     return DaysReply(
         days=[DaySummaryReply.of(one) for one in page.days],
@@ -62,23 +61,6 @@ def days(request: Request, catalogue: CatalogueHere, wanted: Annotated[DayFilter
 
 @router.get("/days/{day}")
 def day(day: DayText, catalogue: CatalogueHere, choice: Annotated[OriginChoice, Query()]) -> DayReply:
-    """Whether a day was searched, and which spacecraft had data: no data, no burst and not placed are told apart."""
-    wanted = parse_day(day)
+    """Whether a day was searched, which spacecraft had data, and the answer: no data, no burst, not localised, ..."""
+    wanted = parse_day(day, "day")
     return DayReply.of(wanted, catalogue.searched_day(wanted, choice.origins))
-
-
-@router.get("/days/{day}/figure", responses={200: {"content": {"image/svg+xml": {}}}}, response_class=Response)
-def day_figure(
-    request: Request, day: DayText, service: ServiceHere, choice: Annotated[OriginChoice, Query()]
-) -> Response:
-    """Spectra of all spacecraft on a searched day with what was found outlined, SVG; redrawn with the day."""
-    wanted = parse_day(day)
-    paths = [service.settings.day_figure(wanted, origin) for origin in choice.origins]
-    path = next((one for one in paths if one.is_file()), paths[0])
-    if not path.is_file():
-        raise NoDataError(f"{wanted} is not drawn: run bella run --from {wanted}")
-    tag = file_tag(path)
-    if is_known(request, tag):
-        return not_modified(tag)
-    caption = f"Spectra of {wanted} in dB over the background; grey is no data. Boxes: what was found. BELLA service."
-    return svg_reply(as_file(path.read_text(encoding="utf-8"), caption), {"ETag": tag, "Cache-Control": REVALIDATE})

@@ -4,7 +4,7 @@ from typing import Annotated
 
 from fastapi import APIRouter, Query, Request, Response
 
-from api.event_section import (
+from api.event_replies import (
     NEAR,
     NO_LISTS,
     BurstEventsReply,
@@ -15,7 +15,7 @@ from api.event_section import (
 )
 from api.queries import BurstId
 from api.service import CatalogueHere
-from api.tables import JSON, EventTableFilter, asked_format, table_of_rows, table_reply
+from api.tables import JSON, EventTableFilter, asked_format, next_address, table_of_rows, table_reply
 from bella.formats import EVENTS
 from bella.pipeline.rows import event_rows
 
@@ -31,7 +31,7 @@ def events(
     `kind=radio&format=tfcat` (or `csv`) gives the ids of radio catalogues back with positions.
     """
     chosen, page = asked_format(request, wanted.format), catalogue.events.events(wanted.query())
-    following = str(request.url.include_query_params(cursor=page.next_cursor)) if page.next_cursor else None
+    following = next_address(request, page.next_cursor)
     if chosen is not JSON:
         rows = (row for one in page.events for row in event_rows(catalogue, one))
         return table_reply(chosen, table_of_rows(EVENTS, rows, near=NEAR), "events", following)

@@ -3,14 +3,31 @@
 from datetime import UTC, date, datetime
 from typing import Annotated
 
-from fastapi import APIRouter, Path, Query
+from fastapi import APIRouter, Path, Query, Request, Response
 from pydantic import Field
 
-from api.schemas import API, Reply
+from api.addresses import API
+from api.freshness import is_known, not_modified, tag_of
+from api.links import linked, site_url
+from api.planning import PlanningQuery, planning_map
+from api.replies import Reply
+from api.routers.figures import A_FIGURE, METHOD, THEME, KindHere, file_reply
 from api.service import CatalogueHere
 from bella.catalogue import FleetMap, ObservedDay
+from bella.plotting import Caption, Theme, exported, planning_caption
+from bella.records import Prediction
 
 router = APIRouter(tags=["observability"])
+
+
+class PlanningView(PlanningQuery):
+    """A map of a prediction, and for which ground."""
+
+    theme: Theme = Field(THEME, description="Colours for a light or for a dark ground.")
+
+    def query(self) -> str:
+        """Query of the prediction alone."""
+        return PlanningQuery(**self.model_dump(exclude={"theme"})).query()
 
 
 class ObservabilityReply(Reply):
@@ -48,3 +65,22 @@ def observability_of_day(
 ) -> ObservedDay:
     """The same for every hour of a day."""
     return catalogue.operation.observed(day)
+
+
+@router.get(f"{API}/planning")
+def planning(wanted: Annotated[PlanningQuery, Query()]) -> Prediction:
+    """How well a fleet would locate a source on any day, by distance and direction, before there are data."""
+    return wanted.prediction()
+
+
+@router.get(f"{API}/planning/figure.{{kind}}", responses=A_FIGURE, response_class=Response)
+def planning_figure(request: Request, kind: KindHere, wanted: Annotated[PlanningView, Query()]) -> Response:
+    """The same as a map."""
+    tag = tag_of((), kind, wanted.theme, wanted.query())
+    if is_known(request, tag):
+        return not_modified(tag)
+    found = wanted.prediction()
+    source = f"Cite: BELLA service, {site_url(request)}{linked('/planning')}?{wanted.query()}; {METHOD}"
+    caption = Caption(planning_caption(found.day, [*found.receivers_rsun], found.sigma_s), source)
+    made = exported(planning_map(found), caption, kind, wanted.theme)
+    return file_reply(made, kind, f"bella_planning_{found.day}", tag)

@@ -11,9 +11,10 @@ from fastapi import APIRouter, Request, Response
 from fastapi.responses import HTMLResponse
 from pydantic import Field
 
+from api.addresses import API
 from api.links import linked
 from api.rendering import render
-from api.schemas import API, Reply
+from api.replies import Reply
 from api.service import CatalogueHere
 from bella import __version__
 

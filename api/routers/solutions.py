@@ -6,7 +6,7 @@ from fastapi import APIRouter, Query, Request, Response
 from fastapi.responses import FileResponse
 
 from api.calibration import CalibrationReply, calibration_of
-from api.freshness import IMMUTABLE
+from api.freshness import IMMUTABLE, last_modified
 from api.queries import SolutionFilter, SolutionId, SourceFilter
 from api.schemas import (
     FileReply,
@@ -42,8 +42,11 @@ def solutions(request: Request, catalogue: CatalogueHere, wanted: Annotated[Solu
 
 
 @router.get("/files")
-def files(request: Request, catalogue: CatalogueHere, wanted: Annotated[SourceFilter, Query()]) -> FilesReply:
+def files(
+    request: Request, response: Response, catalogue: CatalogueHere, wanted: Annotated[SourceFilter, Query()]
+) -> FilesReply:
     """Files that solutions were made from, with their versions and checksums, the newest day first."""
+    response.headers.update(last_modified(catalogue.changed_utc("files")))
     page = catalogue.all_sources(wanted.query())
     names = SourceReply.model_fields
     return FilesReply(

@@ -9,8 +9,9 @@ from fastapi.responses import HTMLResponse
 from prometheus_client import CONTENT_TYPE_LATEST, CollectorRegistry, Gauge, generate_latest
 from pydantic import Field
 
+from api.addresses import API
 from api.rendering import render
-from api.schemas import API, Reply
+from api.replies import Reply
 from api.service import CatalogueHere, Service, ServiceHere
 from bella import __version__
 from bella.catalogue import Catalogue, Freshness, Latency, MockRun

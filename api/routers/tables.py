@@ -9,15 +9,15 @@ from api.routers.bursts import pick
 from api.schemas import TableReply
 from api.service import CatalogueHere, ServiceHere
 from api.tables import (
+    LOCALISATION_TABLE,
+    TRACK_TABLE,
     ArrivalChoice,
     BurstTableFilter,
     asked_format,
+    burst_table_reply,
     in_all_formats,
-    localisation_table,
-    next_address,
     table_of_rows,
     table_reply,
-    track_table,
 )
 from bella.formats import ARRIVALS
 from bella.pipeline.rows import arrival_rows
@@ -30,21 +30,13 @@ IN_ALL_FORMATS = in_all_formats("The table.", TableReply)
 @router.get("/tracks", response_class=Response, responses=IN_ALL_FORMATS)
 def tracks(request: Request, catalogue: CatalogueHere, wanted: Annotated[BurstTableFilter, Query()]) -> Response:
     """Parker spiral of each burst that a query finds, one row per burst: joint fit of its preferred solution."""
-    chosen = asked_format(request, wanted.format)
-    with catalogue.snapshot():
-        page = wanted.found(catalogue)
-        table = track_table(catalogue, page.bursts)
-    return table_reply(chosen, table, "tracks", next_address(request, page.next_cursor))
+    return burst_table_reply(request, catalogue, wanted, asked_format(request, wanted.format), TRACK_TABLE)
 
 
 @router.get("/localisations", response_class=Response, responses=IN_ALL_FORMATS)
 def localisations(request: Request, catalogue: CatalogueHere, wanted: Annotated[BurstTableFilter, Query()]) -> Response:
     """Sources of the bursts that a query finds, one row per frequency: preferred solutions; the limit counts bursts."""
-    chosen, page = asked_format(request, wanted.format), catalogue.bursts(wanted.query())
-    preferred = [one.preferred for one in page.bursts if one.preferred]
-    return table_reply(
-        chosen, localisation_table(catalogue, preferred), "localisations", next_address(request, page.next_cursor)
-    )
+    return burst_table_reply(request, catalogue, wanted, asked_format(request, wanted.format), LOCALISATION_TABLE)
 
 
 @router.get("/bursts/{burst_id}/arrivals", response_class=Response, responses=IN_ALL_FORMATS)

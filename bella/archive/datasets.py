@@ -47,7 +47,10 @@ class Dataset:
         What a file holds: a ``day``, a ``month`` (then ``{date}`` is its first day) or a ``year``. Files of months and
         years grow under one name.
     kind : str
-        ``spectra``, ``in_situ`` (hourly speeds of the wind), ``regions`` (of the Sun) or ``events`` (flares).
+        ``spectra``, ``in_situ`` (hourly speeds of the wind), ``regions`` (of the Sun) or ``events`` (such as flares).
+    question : str
+        Of what no folder lists but a service answers: its path and query, with the ``{first}`` and the ``{last}`` day
+        of the period. Files then stand in the mirror under `name`, without a folder.
     """
 
     key: str
@@ -61,10 +64,28 @@ class Dataset:
     is_civil_day: bool = True
     period: Literal["day", "month", "year"] = "day"
     kind: Literal["spectra", "in_situ", "regions", "events"] = "spectra"
+    question: str = ""
 
     def folders(self, day: date) -> tuple[str, ...]:
         """Folders that may hold the file of a day, relative to the root of the archive, without a slash at the end."""
         return tuple(directory.format(year=day.year, month=f"{day:%m}") for directory in self.directories)
+
+    def span(self, day: date) -> tuple[date, date]:
+        """First and last day of the period that a day is in."""
+        if self.period == "day":
+            return day, day
+        first = day.replace(day=1) if self.period == "month" else day.replace(month=1, day=1)
+        following = (first + 31 * DAY).replace(day=1) if self.period == "month" else first.replace(year=first.year + 1)
+        return first, following - DAY
+
+    def asked(self, day: date) -> str:
+        """What a service is asked for about the period of a day."""
+        first, last = self.span(day)
+        return self.question.format(first=first, last=last)
+
+    def file_name(self, day: date) -> str:
+        """Name of the answer to `asked` in the mirror."""
+        return self.name.format(date=f"{self.span(day)[0]:%Y%m%d}")
 
     def version(self, name: str, day: date) -> tuple[int, ...] | None:
         """Version of a file of a day.
@@ -82,8 +103,7 @@ class Dataset:
             Such as (2,) for ``_v02``, (0,) where names have no version; None if the name is not that of a file of this
             day.
         """
-        first = day.replace(day=1) if self.period == "month" else day
-        before, *after = self.name.format(date=f"{first:%Y%m%d}", year=day.year, version="\0").split("\0")
+        before, *after = self.name.format(date=f"{self.span(day)[0]:%Y%m%d}", year=day.year, version="\0").split("\0")
         number = rf"(\d{{1,6}}(?:\.\d{{1,6}}){{0,3}}){re.escape(after[0])}" if after else "()"
         found = re.fullmatch(re.escape(before) + number, name, flags=re.IGNORECASE | re.ASCII)
         return tuple(int(part or 0) for part in found[1].split(".")) if found else None
@@ -202,6 +222,21 @@ def _hourly(mission: str, observatory: str, directories: tuple[str, ...], latenc
     return Dataset(key, (observatory,), name, directories, 3600.0, latency_d, first, period="month", kind="in_situ")
 
 
+def _donki(kind: str) -> Dataset:
+    """Events of a month that CCMC's service DONKI knows; it needs no key at this address."""
+    question = f"DONKI/WS/get/{kind}?startDate={{first}}&endDate={{last}}"
+    name = f"DONKI-{kind}-{{date}}.json"
+    return Dataset(
+        f"DONKI_{kind}", (), name, (), 86_400.0, 1, date(2010, 4, 1), period="month", kind="events", question=question
+    )
+
+
+def _swpc(key: str, name: str, folder: str) -> Dataset:
+    """A list of the newest days that SWPC replaces all the time, under one name."""
+    question = f"{folder}/{name}"
+    return Dataset(key, (), name, (), 60.0, 0, date(2020, 1, 1), period="year", kind="events", question=question)
+
+
 COMPANIONS = (
     Dataset(
         "OMNI2_HOURLY",
@@ -250,8 +285,13 @@ COMPANIONS = (
         date(1996, 7, 31),
         kind="events",
     ),
+    _swpc("SWPC_EDITED_EVENTS", "edited_events.json", "json"),
+    _swpc("GOES_FLARES", "xray-flares-7-day.json", "json/goes/primary"),
+    _donki("FLR"),
+    _donki("CME"),
+    _donki("SEP"),
 )
-"""What stands beside a track: hourly speeds of the wind, NOAA's summaries of active regions, and its daily flares."""
+"""What stands beside a track: hourly speeds of the wind, NOAA's summaries of active regions, and lists of events."""
 
 
 def find_datasets(keys: Iterable[str]) -> tuple[Dataset, ...]:

@@ -101,7 +101,9 @@ class Times:
     seen: datetime
 
 
-def download(source: Source, manners: Manners, path: str, mirror: Path, times: Times | None = None) -> MirrorFile:
+def download(  # noqa: PLR0913, PLR0917 - what, from where, to where, and what is noted of it
+    source: Source, manners: Manners, path: str, mirror: Path, times: Times | None = None, question: str = ""
+) -> MirrorFile:
     """Bring a file of the mirror to what the archive has.
 
     Parameters
@@ -116,6 +118,8 @@ def download(source: Source, manners: Manners, path: str, mirror: Path, times: T
         Folder of the mirror, made if need be.
     times : Times, optional
         What the record is given; the time of day of this machine when left out.
+    question : str, optional
+        What the archive is asked for where that is not the path.
 
     Returns
     -------
@@ -139,7 +143,7 @@ def download(source: Source, manners: Manners, path: str, mirror: Path, times: T
     try:
         target.parent.mkdir(parents=True, exist_ok=True)
         with _alone(target.parent):
-            return manners.persist(lambda: _attempt(source, path, target, times))
+            return manners.persist(lambda: _attempt(source, question or path, target, times))
     except OSError as error:
         reason = error.strerror or error
         raise InputError(
@@ -392,7 +396,7 @@ def complaint(path: Path, name: str) -> str:
     path : pathlib.Path
         File to look at.
     name : str
-        Name that it has in the archive: ``.cdf`` should be CDF, everything else is text.
+        Name that it has in the archive: ``.cdf`` should be CDF, ``.json`` JSON, everything else is text.
 
     Returns
     -------
@@ -402,6 +406,8 @@ def complaint(path: Path, name: str) -> str:
     """
     with path.open("rb") as stream:
         head = stream.read(HEAD_BYTES)
+        if name.lower().endswith(".json"):
+            return _no_text(head) or _no_json(path)
         if not name.lower().endswith(".cdf"):
             return _no_text(head)
         if not head.startswith(MAGIC):
@@ -419,6 +425,14 @@ def _no_text(head: bytes) -> str:
     if not head.strip():
         return "empty"
     return "an HTML page" if _is_html(head) else "not text" if b"\0" in head else ""
+
+
+def _no_json(path: Path) -> str:
+    try:
+        json.loads(path.read_bytes())
+    except (ValueError, RecursionError):
+        return "not JSON, or only a part of it"
+    return ""
 
 
 def _wrong_length(stream: BinaryIO, head: bytes, size: int) -> str:

@@ -113,7 +113,7 @@ class Archive:
         Returns
         -------
         DayFiles
-            A positive answer of the archive, also where there is no file.
+            A positive answer of the archive, also where there is no file; what no folder lists is taken to be there.
 
         Raises
         ------
@@ -122,6 +122,8 @@ class Archive:
         """
         if not dataset.covers(day):
             return DayFiles((), None, complete=False)
+        if dataset.question:
+            return DayFiles((dataset.file_name(day),), dataset.due(day), complete=True)
         own = self._newest(dataset, day)
         if own is None:
             return DayFiles((), dataset.due(day), complete=False)
@@ -156,7 +158,7 @@ class Archive:
         found = self.find(dataset, day)
         if not found.paths:
             return DayInMirror(dataset, day, "no_file_yet" if found.due else "not_covered", due=found.due)
-        files = tuple(self._download(path, mirror) for path in found.paths)
+        files = tuple(self._download(path, mirror, dataset.asked(day)) for path in found.paths)
         states = {file.state for file in files}
         state: DayState = "replaced" if "replaced" in states else "fetched" if "fetched" in states else "unchanged"
         return DayInMirror(dataset, day, state, files, found.due, found.complete)
@@ -188,20 +190,22 @@ class Archive:
         """
         if not dataset.covers(day):
             return DayInMirror(dataset, day, "not_covered")
-        path, due = self._newest(dataset, day), dataset.due(day)
+        now, due = self._now or datetime.now(UTC), dataset.due(day)
+        path = dataset.file_name(day) if dataset.question else self._newest(dataset, day)
         if path is None:
             return DayInMirror(dataset, day, "no_file_yet", due=due)
-        grows = dataset.period != "day"  # and so it is asked for in every round
-        if not grows and not is_due_again(mirror / path, self._now or datetime.now(UTC)):
+        # what grows is asked for in every round; a service has all of a period when that is over, an archive does not
+        grows = dataset.period != "day" and not (dataset.question and dataset.due(dataset.span(day)[1]) < now.date())
+        if not grows and not is_due_again(mirror / path, now):
             return DayInMirror(dataset, day, "unchanged", due=due)
-        file = self._download(path, mirror)
+        file = self._download(path, mirror, dataset.asked(day))
         return DayInMirror(dataset, day, file.state, (file,), due)
 
-    def _download(self, path: str, mirror: Path) -> MirrorFile:
+    def _download(self, path: str, mirror: Path, question: str) -> MirrorFile:
         if path not in self._fetched:
             now = self._now or datetime.now(UTC)
             times = Times(now, self._listed_at.get(path.rpartition("/")[0], now))
-            self._fetched[path] = download(self._source, self._manners, path, mirror, times)
+            self._fetched[path] = download(self._source, self._manners, path, mirror, times, question)
         return self._fetched[path]
 
     def _newest(self, dataset: Dataset, day: date) -> str | None:

@@ -115,7 +115,7 @@ class HttpSource:
         Parameters
         ----------
         path : str
-            Path below the root.
+            Path below the root, with a query where there is one.
         headers : mapping of str to str
             Request headers.
 
@@ -129,7 +129,8 @@ class HttpSource:
         UnreachableError
             If the archive did not answer, or with an error; :class:`TryAgainError` where it may soon do better.
         """
-        url = f"{self.root}/{quote(path)}"
+        path, mark, query = path.partition("?")
+        url = f"{self.root}/{quote(path)}{mark}{query}"
         response = self._opened(url, headers)
         try:
             fields = {name.lower(): value for name, value in response.headers.items()}

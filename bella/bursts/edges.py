@@ -203,6 +203,69 @@ def first_maximum(power: FloatArray, samples_on_rise: float, scatter: float = FL
     return int(power[: max(stop, 1)].argmax())
 
 
+FLAT_SAMPLES, FLAT_RISES, FLAT_SHARE = 3, 0.5, 1e-3
+"""A light curve that stays within such a share of its maximum for so many samples and half widths of the rise has been
+cut off. The share is below any scatter, and above what the background, which is taken away, changes meanwhile.
+"""
+
+
+def is_cut_off(time_s: FloatArray, power: FloatArray, top: int, rise_s: float) -> bool:
+    """Whether a receiver was saturated: the light curve is flat about its maximum.
+
+    Parameters
+    ----------
+    time_s, power : numpy.ndarray, shape (N,)
+        All finite.
+    top : int
+        The maximum.
+    rise_s : float
+        Half width of the rise.
+
+    Returns
+    -------
+    bool
+    """
+    other = np.flatnonzero(np.abs(power - power[top]) > FLAT_SHARE * power[top])
+    place = int(np.searchsorted(other, top))
+    begin, end = np.concatenate([[-1], other, [power.size]])[place : place + 2]
+    flat_s = time_s[begin + 1 : end]
+    return bool(flat_s.size >= FLAT_SAMPLES and flat_s[-1] - flat_s[0] >= FLAT_RISES * rise_s)
+
+
+CEILING_CHANNELS, CEILING_RATIO, CEILING_SHARE = 3, 2.0, 0.05
+"""With so many channels cut off, those within such a ratio of one in frequency are cut off too where they reach its
+level within such a share: too short for their cadence, their flat maxima are one or two samples.
+"""
+
+
+def reach_ceiling(
+    frequency_mhz: FloatArray, power: FloatArray, cut_off: npt.NDArray[np.bool_]
+) -> npt.NDArray[np.bool_]:
+    """Channels whose maximum is at the level at which their neighbours were cut off.
+
+    Parameters
+    ----------
+    frequency_mhz : numpy.ndarray, shape (C,)
+        Ascending.
+    power : numpy.ndarray, shape (N, C)
+        NaN where there are no data.
+    cut_off : numpy.ndarray of bool, shape (C,)
+        Channels of which :func:`is_cut_off` holds.
+
+    Returns
+    -------
+    numpy.ndarray of bool, shape (C,)
+        Those of `cut_off` are among them.
+    """
+    if cut_off.sum() < CEILING_CHANNELS:
+        return cut_off
+    highest = np.nan_to_num(power).max(axis=0)
+    known = np.log(frequency_mhz[cut_off])
+    away = np.abs(np.log(frequency_mhz)[:, None] - known).min(axis=1)
+    ceiling = np.interp(np.log(frequency_mhz), known, highest[cut_off])
+    return np.asarray(cut_off | ((away <= np.log(CEILING_RATIO)) & (np.abs(highest / ceiling - 1) <= CEILING_SHARE)))
+
+
 WIDTHS_BEFORE_PEAK = 1.0
 
 C0, C1, C2, C3, C4 = math.sqrt(6) / 4, -math.sqrt(3), -math.sqrt(6), 2 * math.sqrt(3) / 3, math.sqrt(6) / 3

@@ -39,8 +39,10 @@ from bella.bursts.edges import (
     Edge,
     first_maximum,
     half_maximum_edge,
+    is_cut_off,
     no_edge,
     quiet_noise,
+    reach_ceiling,
     spacing_s,
 )
 from bella.bursts.light_curves import LightCurves, RiseOfBurst, decay_s, own_rise
@@ -205,9 +207,6 @@ samples on it, the half-maximum takes the last below one half and is late by the
 FLANK_RISES = 2.5
 """Half widths of the rise before the first guess from which on no sample may be missing."""
 
-FLAT_SAMPLES, FLAT_RISES = 3, 0.5
-"""A light curve that stays at its highest value for so many samples and half widths of the rise has been cut off."""
-
 SAMPLES_ON_RISE, HIGH_SAMPLES = 3.0, 8
 """With so many samples on the half width of the rise, and above half of the maximum, neighbours differ by their scatter
 more than by the burst.
@@ -357,7 +356,7 @@ def _channel_edge(channel: Channel) -> Edge:
         return straight
     if channel.power[peak] < SIGNAL_SIGMAS * quiet_noise(channel.power, float(channel.power[peak])):
         return no_edge(NO_SIGNAL)
-    if _saturated(channel, peak, rise):
+    if is_cut_off(channel.time_s, channel.power, peak, rise):
         return no_edge(SATURATED)
     edge = _half_rise(channel, peak, straight.arrival_s)
     if edge.flag:
@@ -371,12 +370,6 @@ def _disagree(edge: Edge, straight: Edge, channel: Channel, peak: int) -> bool:
     late = flank_s * math.hypot(quiet_noise(height, 1.0), channel.scatter)
     joint = math.hypot(edge.sigma_s, straight.sigma_s, LINE_BIAS * channel.cadence_s, late)
     return abs(edge.arrival_s - straight.arrival_s) > DISAGREE_SIGMAS * joint
-
-
-def _saturated(channel: Channel, peak: int, rise_s: float) -> bool:
-    lower = np.flatnonzero(channel.power[peak:] < channel.power[peak])
-    flat = int(lower[0]) if lower.size else channel.power.size - peak
-    return flat >= FLAT_SAMPLES and channel.time_s[peak + flat - 1] - channel.time_s[peak] >= FLAT_RISES * rise_s
 
 
 def _half_rise(channel: Channel, peak: int, guess_s: float) -> Edge:
@@ -454,4 +447,6 @@ def flank_edges(  # noqa: PLR0913 - one light curve has as many parts
         channels.append(
             Channel(*light_curve, float(rise[index]), float(decay[index]), float(means_s[index]), apart_s[known, index])
         )
-    return [_channel_edge(channel._replace(scatter=_scatter(channel))) for channel in channels]
+    found = [_channel_edge(channel._replace(scatter=_scatter(channel))) for channel in channels]
+    cut_off = reach_ceiling(frequency_mhz, power, np.array([one.flag == SATURATED for one in found], dtype=bool))
+    return [no_edge(SATURATED) if cut else one for one, cut in zip(found, cut_off, strict=True)]

@@ -15,7 +15,9 @@ from bella.bursts.edges import (
     SATURATED,
     first_maximum,
     half_maximum_edge,
+    is_cut_off,
     quiet_noise,
+    reach_ceiling,
     spacing_s,
 )
 from bella.heliosphere.scattering import rise_s
@@ -49,9 +51,6 @@ QUIET = 0.25
 
 LEAST_SCATTER, USUAL_SCATTER, LARGEST_SCATTER = 0.02, 0.04, 0.15
 """Scatter of a sample of a receiver as a share of its power: at least, where it cannot be measured, and at most."""
-
-FLAT_SAMPLES, FLAT_RISES = 3, 0.5
-"""A light curve that stays at its highest value for so many samples and rise times has been cut off."""
 
 FLANK_RISES = 1.0
 """No sample may be missing so many rise times about the arrival."""
@@ -228,17 +227,12 @@ def first_guess(light: LightCurves, rises: RiseOfBurst) -> Start:
         flag[j], half[j] = edge.flag, edge.arrival_s
         if not flag[j] and power[top] < SIGNAL_SIGMAS * quiet_noise(power, float(power[top])):
             flag[j] = NO_SIGNAL
-        if not flag[j] and _is_flat(time, power, top, float(rise[j])):
+        if not flag[j] and is_cut_off(time, power, top, float(rise[j])):
             flag[j] = SATURATED
+    flag[reach_ceiling(light.frequency_mhz, light.power, flag == SATURATED)] = SATURATED
     return Start(
         half, peaks, flag, rise, _robust_curve(light.frequency_mhz, half, flag, np.hypot(rise, light.cadence_s))
     )
-
-
-def _is_flat(time_s: FloatArray, power: FloatArray, top: int, rise: float) -> bool:
-    lower = np.flatnonzero(power[top:] < power[top] * (1 - 1e-6))
-    flat = int(lower[0]) if lower.size else power.size - top
-    return flat >= FLAT_SAMPLES and time_s[top + flat - 1] - time_s[top] >= FLAT_RISES * rise
 
 
 def _robust_curve(

@@ -13,6 +13,7 @@ import numpy as np
 import numpy.typing as npt
 from scipy.linalg import block_diag, cho_factor, cho_solve, cholesky, solve_triangular
 
+from bella.exceptions import NoDataError
 from bella.units import FloatArray
 
 BoolArray = npt.NDArray[np.bool_]
@@ -304,6 +305,12 @@ def outliers(timed: Timed) -> BoolArray:
     return np.asarray(wrong)
 
 
+WIDEST_HOLE = 2.0
+"""Ratio of neighbouring channels with an arrival time up to which times between them are given: over a wider hole the
+times of a burst are not as smooth as the process takes them to be.
+"""
+
+
 def at_frequencies(timed: Timed, frequency_mhz: FloatArray) -> Timed:
     """Arrival times at frequencies between the channels: a Gaussian process along each spacecraft.
 
@@ -311,19 +318,23 @@ def at_frequencies(timed: Timed, frequency_mhz: FloatArray) -> Timed:
     ----------
     timed : Timed
     frequency_mhz : ndarray, shape (F,)
-        A spacecraft has rows for those within its own band.
+        A spacecraft has rows for those within its own band, but for holes wider than `WIDEST_HOLE`.
 
     Returns
     -------
     Timed
         The noise is that of the channels, carried through the process; `correlated_s2` is what it leaves uncertain.
+
+    Raises
+    ------
+    NoDataError
+        If no spacecraft has a channel near any of the frequencies.
     """
     parts, blocks = [], []
     for name in dict.fromkeys(timed.observatory):
         part = timed.take(np.flatnonzero(timed.observatory == name))
         part = part.take(spread_channels(part))
-        low, high = part.frequency_mhz.min() * (1 - 1e-9), part.frequency_mhz.max() * (1 + 1e-9)
-        asked = frequency_mhz[(frequency_mhz >= low) & (frequency_mhz <= high)]
+        asked = frequency_mhz[_between_neighbours(part.frequency_mhz, frequency_mhz)]
         if not asked.size:
             continue
         order, channels = np.argsort(part.frequency_mhz), part.frequency_mhz.size
@@ -351,9 +362,20 @@ def at_frequencies(timed: Timed, frequency_mhz: FloatArray) -> Timed:
             )
         )
         blocks.append(prior[channels:, channels:] - weight @ prior[:channels, channels:])
+    if not parts:
+        raise NoDataError("no spacecraft has edges near the frequencies of the table: widen the band or the time")
     names = ("observatory", "frequency_mhz", "arrival_s", "rise_s", "channel_sd_s", "shared_s", "offset_s")
     joined: dict[str, Any] = {name: np.concatenate([getattr(one, name) for one in parts]) for name in names}
     return replace(timed, **joined, channel_share=0.0, correlated_s2=block_diag(*blocks))
+
+
+def _between_neighbours(channels_mhz: FloatArray, frequency_mhz: FloatArray) -> npt.NDArray[np.bool_]:
+    """Which frequencies lie between channels that are no farther apart than the widest hole."""
+    known = np.sort(channels_mhz)
+    above = known[np.minimum(np.searchsorted(known, frequency_mhz * (1 - 1e-9)), known.size - 1)]
+    below = known[np.maximum(np.searchsorted(known, frequency_mhz * (1 + 1e-9), side="right") - 1, 0)]
+    inside = (frequency_mhz >= known[0] * (1 - 1e-9)) & (frequency_mhz <= known[-1] * (1 + 1e-9))
+    return np.asarray(inside & (above <= WIDEST_HOLE * below))
 
 
 def _smooth_share(timed: Timed) -> FloatArray:

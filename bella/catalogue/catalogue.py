@@ -24,7 +24,7 @@ from bella.catalogue import (
     tokens,
     webhooks,
 )
-from bella.catalogue.engine import connect, display_name, parse_url, reading, snapshot
+from bella.catalogue.engine import State, connect, display_name, parse_url, reading, snapshot
 from bella.catalogue.events import PublishedEvents
 from bella.catalogue.operation import Operation
 from bella.catalogue.records import (
@@ -74,6 +74,7 @@ class Catalogue:
 
     def __init__(self, engine: Engine) -> None:
         self._engine = engine
+        self._state = State(engine)
         self.name = display_name(engine.url)
         self.operation = Operation(engine)
         self.events = PublishedEvents(engine)
@@ -114,6 +115,7 @@ class Catalogue:
 
     def close(self) -> None:
         """Close all connections; the catalogue may be used again afterwards."""
+        self._state.close()
         self._engine.dispose()
 
     def __enter__(self) -> Self:
@@ -138,6 +140,10 @@ class Catalogue:
     def snapshot(self) -> AbstractContextManager[None]:
         """Let everything that is read in a block, and in this thread, come from one moment; others may write."""
         return snapshot(self._engine)
+
+    def state(self) -> str:
+        """Text that changes whenever somebody commits; see `engine.State`."""
+        return self._state.now()
 
     def revision(self) -> str:
         """Revision of the schema, such as "0001"."""
@@ -201,6 +207,12 @@ class Catalogue:
         """
         return publication.publish(self._engine, new, lease, check)
 
+    def add_companions(
+        self, solution_id: str, companions: dict[str, Any], lease: leases.Lease | None = None
+    ) -> dict[str, Any]:
+        """Add once what other methods say of the track of a solution; see `publication.add_companions`."""
+        return publication.add_companions(self._engine, solution_id, companions, lease)
+
     def bursts(self, query: BurstQuery | None = None) -> BurstPage:
         """One page of bursts; see `queries.bursts`.
 
@@ -210,6 +222,14 @@ class Catalogue:
             Where the cursor or the limit is not valid.
         """
         return queries.bursts(self._engine, query or BurstQuery())
+
+    def state_of(self, query: BurstQuery) -> str:
+        """Digest of all that a query finds; see :func:`bella.catalogue.queries.state_of`."""
+        return queries.state_of(self._engine, query)
+
+    def changed_utc(self, what: queries.Changed) -> datetime | None:
+        """When any of all of these was changed last; see :func:`bella.catalogue.queries.changed_utc`."""
+        return queries.changed_utc(self._engine, what)
 
     def held(self) -> Held:
         """How much of real data there is; see `queries.held`."""
@@ -242,6 +262,10 @@ class Catalogue:
     def localisations_of(self, solution_ids: Collection[str]) -> dict[str, list[Localisation]]:
         """Localisations of many solutions, each by ascending frequency; see `solutions.localisations_of`."""
         return solutions.localisations_of(self._engine, solution_ids)
+
+    def places_of(self, solution_ids: Collection[str]) -> dict[str, list[tuple[float, float]]]:
+        """Positions in the ecliptic plane of many solutions, by ascending frequency; see `solutions.places_of`."""
+        return solutions.places_of(self._engine, solution_ids)
 
     def tracks_of(self, solution_ids: Collection[str]) -> dict[str, Track]:
         """Tracks of those of many solutions that have a joint fit; see `solutions.tracks_of`."""

@@ -4,9 +4,10 @@ import sqlite3
 from collections.abc import Iterator
 from contextlib import contextmanager
 from contextvars import ContextVar
-from typing import Any
+from threading import Lock
+from typing import Any, ClassVar
 
-from sqlalchemy import URL, Connection, Engine, create_engine, event, make_url, text
+from sqlalchemy import URL, Connection, Engine, PoolProxiedConnection, create_engine, event, make_url, text
 from sqlalchemy.exc import ArgumentError, DataError, DBAPIError, SQLAlchemyError
 
 from bella.exceptions import BellaError, BusyError, InputError, StoreError, UnreachableError
@@ -105,6 +106,63 @@ def reading(engine: Engine) -> Iterator[Connection]:
         connection = bare.execution_options(**snapshot)
         with connection.begin():
             yield connection
+
+
+class State:
+    """Looks whether anything was committed, by a connection of its own that is kept.
+
+    Parameters
+    ----------
+    engine : sqlalchemy.Engine
+    """
+
+    _ASK: ClassVar = {"sqlite": "PRAGMA data_version", "postgresql": "SELECT pg_current_snapshot()::text"}
+
+    def __init__(self, engine: Engine) -> None:
+        self._engine, self._asking = engine, Lock()
+        self._connection: PoolProxiedConnection | None = None
+        self._opened = 0
+
+    def now(self) -> str:
+        """Text that is the same as long as nothing was committed.
+
+        Raises
+        ------
+        BusyError, StoreError, UnreachableError
+            See `translated`.
+        """
+        with self._asking, translated(self._engine.url):
+            try:
+                return self._asked()
+            except self._engine.dialect.loaded_dbapi.Error:  # the server was started again
+                self._drop()
+            try:
+                return self._asked()
+            except self._engine.dialect.loaded_dbapi.Error as error:
+                self._drop()
+                raise UnreachableError(f"{display_name(self._engine.url)} does not answer ({error})") from error
+
+    def close(self) -> None:
+        """Give the connection back."""
+        with self._asking:
+            self._drop()
+
+    def _asked(self) -> str:
+        if self._connection is None:
+            self._connection = self._engine.raw_connection()
+            self._opened += 1
+            if self._engine.dialect.name == "postgresql":
+                self._connection.driver_connection.autocommit = True  # type: ignore[union-attr]
+        cursor = self._connection.cursor()
+        cursor.execute(self._ASK[self._engine.dialect.name])
+        (found,) = cursor.fetchone()  # type: ignore[misc]
+        # SQLite counts for each connection anew
+        return f"{self._opened}:{found}"
+
+    def _drop(self) -> None:
+        if self._connection is not None:
+            self._connection.invalidate()
+            self._connection = None
 
 
 @contextmanager

@@ -5,20 +5,29 @@ from dataclasses import asdict, dataclass, field, fields
 from datetime import datetime
 from typing import Any, Literal, get_args
 
-from sqlalchemy import ColumnElement, Double, Engine, ForeignKey, Index, Row, delete, func, insert, select, update
+from sqlalchemy import (
+    ColumnElement,
+    Double,
+    Engine,
+    ForeignKey,
+    Index,
+    RowMapping,
+    delete,
+    func,
+    insert,
+    select,
+    update,
+)
 from sqlalchemy.orm import Mapped, mapped_column
 
 from bella.catalogue.engine import reading, writing
 from bella.catalogue.models import Base, UtcTime, table_of
-from bella.catalogue.paging import Key, after, cursor_after, mark_of, ordered_by, parse_cursor
+from bella.catalogue.paging import Key, check_limit, read_page
 from bella.catalogue.upserts import dialect_insert
-from bella.exceptions import InputError
 from bella.linked_events import Event, EventKind, Link
 
 ListState = Literal["read", "refused", "gone"]
 """Of a list: all that it has is held; it could not be used, and what it had before is held; its file is gone."""
-
-MAX_EVENTS = 1000
 
 
 class EventListRow(Base):
@@ -186,8 +195,8 @@ class PublishedEvents:
         given = {event.event_id: event for event in events}
         with writing(self._engine) as connection:
             _put_list(connection, one)
-            own = connection.execute(select(_EVENTS).where(_EVENTS.c.list_name == one.name)).all()
-            known = {row.event_id: _event(row) for row in own}
+            own = connection.execute(select(_EVENTS).where(_EVENTS.c.list_name == one.name)).mappings()
+            known = {row["event_id"]: _event(row) for row in own}
             first = min((event.start_utc for event in events), default=None)
             withdrawn = [
                 event for name, event in known.items() if name not in given and first and event.start_utc >= first
@@ -219,7 +228,8 @@ class PublishedEvents:
         """All events that begin in [start, stop], by start."""
         wanted = select(_EVENTS).where(_EVENTS.c.start_utc >= start, _EVENTS.c.start_utc <= stop)
         with reading(self._engine) as connection:
-            return tuple(map(_event, connection.execute(wanted.order_by(_EVENTS.c.start_utc, _EVENTS.c.event_id))))
+            found = connection.execute(wanted.order_by(_EVENTS.c.start_utc, _EVENTS.c.event_id))
+            return tuple(map(_event, found.mappings()))
 
     def link(self, burst_id: str, links: Iterable[Link]) -> None:
         """Replace the events that belong to a burst."""
@@ -238,7 +248,7 @@ class PublishedEvents:
             .order_by(func.abs(_LINKS.c.delay_s), _EVENTS.c.event_id)
         )
         with reading(self._engine) as connection:
-            return tuple(Link(_event(row), row.delay_s) for row in connection.execute(wanted))
+            return tuple(Link(_event(row), row["delay_s"]) for row in connection.execute(wanted).mappings())
 
     def events(self, query: EventQuery) -> EventPage:
         """One page of events with the bursts that they belong to, by start.
@@ -248,22 +258,15 @@ class PublishedEvents:
         InputError
             Where the cursor or the limit is not valid.
         """
-        if not 1 <= query.limit <= MAX_EVENTS:
-            raise InputError(f"limit is {query.limit}: give 1 to {MAX_EVENTS}")
-        wanted, mark = _filters(query), mark_of(query)
-        beyond = [after(_ORDER, parse_cursor(_ORDER, query.cursor, mark))] if query.cursor is not None else []
-        page = select(_EVENTS).where(*wanted, *beyond).order_by(*ordered_by(_ORDER)).limit(query.limit + 1)
+        check_limit(query.limit)
         with reading(self._engine) as connection:
-            total = connection.execute(select(func.count()).select_from(_EVENTS).where(*wanted)).scalar_one()
-            rows = connection.execute(page).all()
-            shown = rows[: query.limit]
-            bursts: dict[str, dict[str, float]] = {row.event_id: {} for row in shown}
+            page = read_page(connection, query, select(_EVENTS).where(*_filters(query)), _ORDER)
+            bursts: dict[str, dict[str, float]] = {row["event_id"]: {} for row in page.rows}
             linked = select(_LINKS).where(_LINKS.c.event_id.in_(bursts)).order_by(func.abs(_LINKS.c.delay_s))
             for one in connection.execute(linked):
                 bursts[one.event_id][one.burst_id] = one.delay_s
-        found = tuple(KnownEvent(_event(row), row.list_name, bursts[row.event_id]) for row in shown)
-        following = cursor_after(_ORDER, _named(shown[-1]), mark) if len(rows) > query.limit else None
-        return EventPage(found, following, total)
+        found = tuple(KnownEvent(_event(row), row["list_name"], bursts[row["event_id"]]) for row in page.rows)
+        return EventPage(found, page.next_cursor, page.total)
 
 
 def _filters(query: EventQuery) -> list[ColumnElement[bool]]:
@@ -290,9 +293,5 @@ def _put_list(connection: Any, one: ListRead) -> None:
     connection.execute(put.on_conflict_do_update(index_elements=["name"], set_=changed))
 
 
-def _event(row: Row[Any]) -> Event:
-    return Event(**_named(row))
-
-
-def _named(row: Row[Any]) -> dict[str, Any]:
-    return {name: getattr(row, name) for name in _FIELDS}
+def _event(row: RowMapping) -> Event:
+    return Event(**{name: row[name] for name in _FIELDS})

@@ -115,7 +115,13 @@ def check_limit(limit: int, most: int = MAX_LIMIT) -> None:
         raise InputError(f"limit is {limit}: give 1 to {most}")
 
 
-def read_page(connection: Connection, question: Question, found: Select[Any], order: Order) -> Page:
+def read_page(
+    connection: Connection,
+    question: Question,
+    found: Select[Any],
+    order: Order,
+    counted: Select[tuple[int]] | None = None,
+) -> Page:
     """Page of the rows that a statement finds.
 
     Parameters
@@ -127,6 +133,8 @@ def read_page(connection: Connection, question: Question, found: Select[Any], or
     found : sqlalchemy.Select
         With the columns of the order, by the names of its keys.
     order : sequence of Key
+    counted : sqlalchemy.Select, optional
+        How many rows there are on all pages, where that can be found with less work.
 
     Returns
     -------
@@ -141,10 +149,12 @@ def read_page(connection: Connection, question: Question, found: Select[Any], or
     beyond = [] if question.cursor is None else [after(order, parse_cursor(order, question.cursor, mark))]
     page = found.where(*beyond).order_by(*ordered_by(order)).limit(question.limit + 1)
     rows = connection.execute(page).mappings().all()
-    counted = found.with_only_columns(func.count(), maintain_column_froms=True)
-    total = connection.execute(counted).scalar_one()
     shown = rows[: question.limit]
-    return Page(shown, cursor_after(order, dict(shown[-1]), mark) if len(rows) > question.limit else None, total)
+    following = cursor_after(order, dict(shown[-1]), mark) if len(rows) > question.limit else None
+    if question.cursor is None and following is None:
+        return Page(shown, None, len(shown))
+    counted = found.with_only_columns(func.count(), maintain_column_froms=True) if counted is None else counted
+    return Page(shown, following, connection.execute(counted).scalar_one())
 
 
 def mark_of(question: Any, *more: object) -> str:

@@ -26,9 +26,9 @@ from bella.catalogue.models import (
     TrackFitRow,
     table_of,
 )
-from bella.catalogue.preference import follow_publication
+from bella.catalogue.preference import follow_publication, lock
 from bella.catalogue.records import Burst, Publication, Series, Solution, SourceFile
-from bella.catalogue.solutions import newest, solution_rows
+from bella.catalogue.solutions import newest, settle_answer, solution, solution_rows
 from bella.catalogue.submissions import refuse_withdrawn
 from bella.catalogue.upserts import dialect_insert, insert_ignoring
 from bella.exceptions import InputError
@@ -109,12 +109,55 @@ def publish(
         published = table_of(SolutionRow).c.solution_id == solution_id
         follow_publication(connection, solution_rows(connection, published)[0])
         note_answer(connection, publication.burst.burst_id)
-        solution = solution_rows(connection, published)[0]
+        new = solution_rows(connection, published)[0]
         if lease is not None:
             check_held(connection, lease)
         check()
-    log.info("solution published", burst_id=solution.burst_id, solution_id=solution_id, store_path=solution.store_path)
-    return solution
+    log.info("solution published", burst_id=new.burst_id, solution_id=solution_id, store_path=new.store_path)
+    return new
+
+
+def add_companions(
+    engine: Engine, solution_id: str, companions: dict[str, Any], lease: Lease | None = None
+) -> dict[str, Any]:
+    """Add once what other methods say of the track of a solution; nothing else of it changes.
+
+    Parameters
+    ----------
+    engine : sqlalchemy.Engine
+        Engine of the catalogue.
+    solution_id : str
+    companions : dict
+        By name.
+    lease : Lease, optional
+        Right to work on the burst; where it is lost nothing is added.
+
+    Returns
+    -------
+    dict
+        Track with them; or, with nothing written, with those that are there already.
+
+    Raises
+    ------
+    NoDataError
+        Where there is no such solution.
+    BusyError
+        Where the lease was taken over by another run.
+    """
+    fits, known = table_of(TrackFitRow), solution(engine, solution_id)
+    own = fits.c.solution_id == solution_id
+    with writing(engine) as connection:
+        lock(connection, known.burst_id)
+        fit: dict[str, Any] = connection.execute(select(fits.c.fit).where(own)).scalar_one()
+        if not fit.get("companions_pending"):
+            return fit
+        fit = {**fit, "companions": plain_json(companions), "companions_pending": False}
+        connection.execute(update(fits).where(own).values(fit=fit))
+        settle_answer(connection, known.burst_id)
+        if lease is not None:
+            check_held(connection, lease)
+    log.info("companions added", burst_id=known.burst_id, solution_id=solution_id)
+    return fit
 
 
 def plain_json(value: Any) -> Any:
@@ -186,7 +229,7 @@ def _refuse_others(connection: Connection, burst: Burst) -> None:
 
 
 def _upsert_burst(connection: Connection, burst: Burst) -> None:
-    table, heard = table_of(BurstRow), table_of(BurstObservatoryRow)
+    table, received = table_of(BurstRow), table_of(BurstObservatoryRow)
     values = _plain_row(asdict(burst))
     observatories = values.pop("observatories")
     values.pop("retracted")
@@ -198,10 +241,10 @@ def _upsert_burst(connection: Connection, burst: Burst) -> None:
     # a solution made without spectra does not take away those of an earlier one
     changed["spectra_path"] = func.coalesce(statement.excluded.spectra_path, table.c.spectra_path)
     connection.execute(statement.on_conflict_do_update(index_elements=["burst_id"], set_=changed))
-    connection.execute(delete(heard).where(heard.c.burst_id == burst.burst_id))
+    connection.execute(delete(received).where(received.c.burst_id == burst.burst_id))
     _insert_all(
         connection,
-        heard,
+        received,
         ({"burst_id": burst.burst_id, "observatory": name, "position": at} for at, name in _numbered(observatories)),
     )
 

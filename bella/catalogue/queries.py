@@ -1,12 +1,14 @@
 """Browsing bursts by what is said of them, page by page."""
 
+import hashlib
 from collections.abc import Iterator
 from datetime import datetime
-from typing import Any
+from typing import Any, Literal
 
 from sqlalchemy import ColumnElement, Connection, Engine, FromClause, func, or_, select
 
 from bella.catalogue.engine import reading
+from bella.catalogue.events import EventListRow
 from bella.catalogue.models import (
     AlertRow,
     BurstObservatoryRow,
@@ -19,7 +21,7 @@ from bella.catalogue.models import (
     UtcTime,
     table_of,
 )
-from bella.catalogue.paging import Key, check_limit, read_page
+from bella.catalogue.paging import Key, check_limit, ordered_by, read_page
 from bella.catalogue.preference import preferences
 from bella.catalogue.records import BURST_SORTS, Burst, BurstPage, BurstQuery, BurstSummary, Held, Solution
 from bella.catalogue.solutions import is_newest, retraction_of, solution_rows
@@ -50,6 +52,15 @@ _ORDERS: dict[str, tuple[str, ColumnElement[Any], type]] = {
 }
 
 
+Changed = Literal["bursts", "days", "files", "events"]
+
+_CHANGED: dict[Changed, tuple[ColumnElement[Any], ...]] = {
+    "bursts": (BURSTS.c.updated_utc,),
+    "days": (table_of(SearchedDayRow).c.searched_utc,),
+    "files": (table_of(SourceFileRow).c.changed_utc,),
+    "events": (table_of(EventListRow).c.read_utc, table_of(EventListRow).c.linked_utc),
+}
+
 _AS_STORED = ("burst_id", "start_utc", "end_utc", "f_low_mhz", "f_high_mhz", "spectra_path", "updated_utc")
 
 
@@ -75,9 +86,13 @@ def bursts(engine: Engine, query: BurstQuery) -> BurstPage:
     """
     check_limit(query.limit)
     order = _order(query.sort)
-    found = select(BURSTS, order[0].column.label("sorted_by")).select_from(with_answers()).where(*burst_filters(query))
+    filters = burst_filters(query)
+    found = select(BURSTS, order[0].column.label("sorted_by")).select_from(with_answers()).where(*filters)
+    # the databases read the answers of all bursts even to count bursts alone
+    of_answers = any(ANSWERS in one._from_objects for one in filters)
+    counted = select(func.count()).select_from(with_answers() if of_answers else BURSTS).where(*filters)
     with reading(engine) as connection:
-        page = read_page(connection, query, found, order)
+        page = read_page(connection, query, found, order, counted)
         return BurstPage(_summaries(connection, page.rows), page.next_cursor, page.total)
 
 
@@ -105,6 +120,27 @@ def held(engine: Engine) -> Held:
     statement = select(*(one.scalar_subquery().label(name) for name, one in counted.items()))
     with reading(engine) as connection:
         return Held(**connection.execute(statement).mappings().one())
+
+
+def state_of(engine: Engine, query: BurstQuery) -> str:
+    """Digest of which bursts a query finds, and when what is said of each was changed last: it changes with its answer.
+
+    Cursor and limit do not count.
+    """
+    order = _order(query.sort)
+    found = select(BURSTS.c.burst_id, BURSTS.c.updated_utc).select_from(with_answers()).where(*burst_filters(query))
+    digest = hashlib.sha256()
+    with reading(engine) as connection:
+        for row in connection.execute(found.order_by(*ordered_by(order))).yield_per(1000):
+            digest.update(f"{row.burst_id} {row.updated_utc.isoformat()}\n".encode())
+    return digest.hexdigest()
+
+
+def changed_utc(engine: Engine, what: Changed) -> datetime | None:
+    """When any of all bursts, searched days, files or lists of events was changed last; None where there is none."""
+    newest = [select(func.max(column, type_=UtcTime)).scalar_subquery() for column in _CHANGED[what]]
+    with reading(engine) as connection:
+        return max((one for one in connection.execute(select(*newest)).one() if one is not None), default=None)
 
 
 def _order(sort: str) -> list[Key]:
@@ -158,7 +194,7 @@ def versions(engine: Engine, burst_id: str) -> tuple[Solution, ...]:
 
 def burst_filters(query: BurstQuery) -> list[ColumnElement[bool]]:
     """Conditions of a query on `with_answers`."""
-    heard = table_of(BurstObservatoryRow)
+    received = table_of(BurstObservatoryRow)
     conditions: list[ColumnElement[bool]] = [BURSTS.c.origin.in_(sorted(query.origins))]
     if not query.with_retracted:
         conditions.append(BURSTS.c.retracted_utc.is_(None))
@@ -169,7 +205,9 @@ def burst_filters(query: BurstQuery) -> list[ColumnElement[bool]]:
     if query.updated_since is not None:
         conditions.append(BURSTS.c.updated_utc >= query.updated_since)
     for name in sorted(query.observatories):
-        by_this = select(heard.c.burst_id).where(heard.c.burst_id == BURSTS.c.burst_id, heard.c.observatory == name)
+        by_this = select(received.c.burst_id).where(
+            received.c.burst_id == BURSTS.c.burst_id, received.c.observatory == name
+        )
         conditions.append(by_this.exists())
     return [*conditions, *_of_answers(query), *_in_ranges(query)]
 
@@ -220,9 +258,9 @@ def _summaries(connection: Connection, rows: Any) -> tuple[BurstSummary, ...]:
     """Bursts of a page with observatories and newest solutions, in a few queries however long it is."""
     if not rows:
         return ()
-    heard, solutions = table_of(BurstObservatoryRow), table_of(SolutionRow)
+    received, solutions = table_of(BurstObservatoryRow), table_of(SolutionRow)
     ids = [row["burst_id"] for row in rows]
-    by_position = select(heard).where(heard.c.burst_id.in_(ids)).order_by(heard.c.position)
+    by_position = select(received).where(received.c.burst_id.in_(ids)).order_by(received.c.position)
     observatories: dict[str, list[str]] = {burst_id: [] for burst_id in ids}
     for one in connection.execute(by_position):
         observatories[one.burst_id].append(one.observatory)

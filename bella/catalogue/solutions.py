@@ -224,6 +224,17 @@ def localisations_of(engine: Engine, solution_ids: Collection[str]) -> dict[str,
     return found
 
 
+def places_of(engine: Engine, solution_ids: Collection[str]) -> dict[str, list[tuple[float, float]]]:
+    """Positions in the ecliptic plane of many solutions, solar radii, each by ascending frequency, in one statement."""
+    columns = table_of(LocalisationRow).c
+    wanted = select(columns.solution_id, columns.x_rsun, columns.y_rsun).where(columns.solution_id.in_(solution_ids))
+    found: dict[str, list[tuple[float, float]]] = {one: [] for one in solution_ids}
+    with reading(engine) as connection:
+        for one, x_rsun, y_rsun in connection.execute(wanted.order_by(columns.solution_id, columns.frequency_mhz)):
+            found[one].append((x_rsun, y_rsun))
+    return found
+
+
 def tracks_of(engine: Engine, solution_ids: Collection[str]) -> dict[str, Track]:
     """Tracks of those of many solutions that have a joint fit, in one statement."""
     table = table_of(TrackFitRow)
@@ -367,8 +378,10 @@ def _existing(connection: Connection, solution_id: str) -> Solution:
 
 def _of_solution(engine: Engine, solution_id: str, query: Select[Any]) -> Iterable[Any]:
     with reading(engine) as connection:
-        _existing(connection, solution_id)
-        return connection.execute(query).mappings().all()
+        found = connection.execute(query).mappings().all()
+        if not found:
+            _existing(connection, solution_id)
+        return found
 
 
 def _solution(row: Any, flags: Iterable[str]) -> Solution:

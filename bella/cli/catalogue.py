@@ -10,11 +10,12 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from bella.cli.localise import position_table
-from bella.cli.options import AsJson, Home, day_option, open_catalogue, settings_of
+from bella.cli.options import AsJson, Home, open_catalogue, settings_of
 from bella.cli.output import answer, new_table, print_json, say, show
 from bella.exceptions import InputError
 from bella.flags import APPARENT_SOURCE, FLAGS
 from bella.records import REAL_ORIGINS
+from bella.times import parse_day
 
 if TYPE_CHECKING:
     from rich.table import Table
@@ -127,7 +128,7 @@ def list_bursts(  # noqa: PLR0913, PLR0917 - one argument per option
 
 
 def _midnight(text: str, option: str) -> datetime:
-    return datetime.combine(day_option(text, option), time(), UTC)
+    return datetime.combine(parse_day(text, option), time(), UTC)
 
 
 def _known(names: list[str] | None, option: str, known: Collection[str]) -> frozenset[str]:

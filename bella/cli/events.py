@@ -7,9 +7,10 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from bella.cli.options import AsJson, Home, day_option, open_catalogue, settings_of
+from bella.cli.options import AsJson, Home, open_catalogue, settings_of
 from bella.cli.output import answer, new_table, print_json, say, show
 from bella.exceptions import InputError, StoreError
+from bella.times import parse_day
 
 if TYPE_CHECKING:
     from bella.catalogue import KnownEvent, ListRead
@@ -70,7 +71,7 @@ def list_events(  # noqa: PLR0913, PLR0917 - one argument per option
     kinds = frozenset(known for known in KINDS if known in (kind or ()))
     if unknown := set(kind or ()) - kinds:
         raise InputError(f"--kind {min(unknown)}: give some of {', '.join(KINDS)}")
-    days = tuple(text and datetime.combine(day_option(text, "--from or --to"), time(), UTC) for text in (first, last))
+    days = tuple(text and datetime.combine(parse_day(text, "--from or --to"), time(), UTC) for text in (first, last))
     start, stop = days[0] or None, days[1] + timedelta(days=1) if days[1] else None
     with closing(open_catalogue(settings_of(home))) as catalogue:
         page = catalogue.events.events(EventQuery(start, stop, kinds, linked=linked, limit=limit))

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from bella.exceptions import InputError
+from bella.times import parse_day
 
 if TYPE_CHECKING:
     import numpy as np
@@ -149,34 +150,12 @@ def day_range(first: str, last: str) -> tuple[date, date]:
     InputError
         If one is no day, the last is before the first, or there are too many.
     """
-    begin, end = day_option(first, "--from"), day_option(last, "--to")
+    begin, end = parse_day(first, "--from"), parse_day(last, "--to")
     if end < begin:
         raise InputError(f"--to {last} is before --from {first}; exchange them")
     if (end - begin).days >= MOST_DAYS:
         raise InputError(f"--from {first} --to {last} is more than {MOST_DAYS} days; take them in parts")
     return begin, end
-
-
-def day_option(text: str, option: str) -> date:
-    """A day as an option gives it.
-
-    Parameters
-    ----------
-    text, option : str
-
-    Returns
-    -------
-    datetime.date
-
-    Raises
-    ------
-    InputError
-        If it is none.
-    """
-    try:
-        return date.fromisoformat(text)
-    except ValueError as error:
-        raise InputError(f"{option}: {text!r} is not a day; write it as 2012-06-07") from error
 
 
 def numbers(text: str, option: str, counts: tuple[int, ...], example: str) -> tuple[float, ...]:

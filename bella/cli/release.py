@@ -6,8 +6,9 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from bella.cli.catalogue import OriginOption, origins_of
-from bella.cli.options import AsJson, Home, check_file, day_option, settings_of
+from bella.cli.options import AsJson, Home, check_file, settings_of
 from bella.cli.output import answer, new_table, print_json, show, stage_bars, steps
+from bella.times import parse_day
 
 if TYPE_CHECKING:
     from bella.formats.release import Release
@@ -47,8 +48,8 @@ def make(  # noqa: PLR0913, PLR0917 - one argument per option
     creators = tuple(creator or (SOFTWARE,))
     wanted = Wanted(
         label=label,
-        first=None if first is None else day_option(first, "--from"),
-        last=None if last is None else day_option(last, "--to"),
+        first=None if first is None else parse_day(first, "--from"),
+        last=None if last is None else parse_day(last, "--to"),
         origins=origins_of(origin),
         posteriors=posteriors,
         creators=creators,

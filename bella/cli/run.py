@@ -170,9 +170,9 @@ def _folder_done(
 ) -> "Sequence[DayOutcome]":
     if not asked.direct:
         with _prefect(bar):
-            from flows.days import process_folder
+            from flows.days import process_range
 
-            return process_folder(days, brought, asked.choice)
+            return process_range(days, None, asked.choice, brought)
     return _directly(days, None, settings, asked, brought)
 
 
@@ -185,7 +185,7 @@ def _days_done(
         with _prefect(bar):
             from flows.days import process_range
 
-            return process_range(*days, archive, asked.choice)
+            return process_range(days_between(*days), archive, asked.choice)
     return _directly(days_between(*days), archive, settings, asked)
 
 

@@ -26,18 +26,18 @@ def serve(
     home: Home = None,
     host: Annotated[str, typer.Option(help="Address to listen on.")] = "127.0.0.1",
     port: Annotated[int, typer.Option(min=1, max=65535, help="Port to listen on.")] = 8000,
+    processes: Annotated[int, typer.Option(min=1, max=64, help="Processes that answer side by side.")] = 1,
 ) -> None:
     """Serve the catalogue: REST API and pages, until stopped."""
     settings = settings_of(home)
     _check_free(host, port)
-    from api.app import create_app
     from api.serve import run as run_server
 
     log_to(None)
     settings.home.mkdir(parents=True, exist_ok=True)
     open_catalogue(settings, create=True).close()
     bars.print(f"Catalogue of {settings.home.resolve()} on http://{host}:{port}", soft_wrap=True, highlight=False)
-    run_server(create_app(settings), host, port)
+    run_server(host, port, processes)
 
 
 def _check_free(host: str, port: int) -> None:

@@ -87,6 +87,13 @@ class Client:
         """Bursts as each spacecraft received them, with their onset in [start, stop); see `bursts`."""
         return self._pages("detections", start, stop, {"observatory": observatory, **filters})
 
+    def events(self, start: Instant | None = None, stop: Instant | None = None, **filters: Any) -> QTable:
+        """Events that others published and that start in [start, stop): a row for each event and burst near it.
+
+        See `bursts`; filters are those of ``/api/v1/events``, such as ``kind="flare", linked=True``.
+        """
+        return self._pages("events", start, stop, {"sort": None, **filters})
+
     def track(self, burst_id: str, **choice: Any) -> QTable:
         """Localisation table of one burst: of its preferred solution, or of the edge, method or version chosen."""
         return self._table(f"bursts/{quote(burst_id, safe='')}/track", choice)

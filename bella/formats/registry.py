@@ -1,13 +1,16 @@
 """The formats that a published table is written in, by name."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from importlib import import_module
+from typing import Any
 
 from bella.exceptions import InputError
+from bella.formats.columns import Schema
 from bella.formats.record_table import RecordTable
 
 Writer = Callable[[RecordTable], bytes]
+Pieces = Callable[[Schema, Mapping[str, str], Iterable[RecordTable]], Iterator[bytes]]
 
 
 @dataclass(frozen=True)
@@ -22,12 +25,15 @@ class Format:
         Of a file, with its dot.
     where : str
         Module and function that write it, imported when they are first used.
+    pieces : str
+        The same for what writes it piece by piece, of any number of rows; empty where it has to be written at once.
     """
 
     name: str
     media_type: str
     suffix: str
     where: str
+    pieces: str = ""
 
     def write(self, table: RecordTable) -> bytes:
         """Bytes of a table in this format.
@@ -37,16 +43,25 @@ class Format:
         InputError
             If the format cannot hold the table, or needs a package that is not installed.
         """
-        module, _, function = self.where.partition(":")
-        writer: Writer = getattr(import_module(module), function)
+        writer: Writer = _imported(self.where)
         return writer(table)
+
+    def write_pieces(self, schema: Schema, header: Mapping[str, str], tables: Iterable[RecordTable]) -> Iterator[bytes]:
+        """Bytes of tables that follow one another as one table, for a format that has `pieces`."""
+        writer: Pieces = _imported(self.pieces)
+        return writer(schema, header, tables)
+
+
+def _imported(where: str) -> Any:
+    module, _, function = where.partition(":")
+    return getattr(import_module(module), function)
 
 
 FORMATS = {
     one.name: one
     for one in (
-        Format("json", "application/json", ".json", "bella.formats.text:json_text"),
-        Format("csv", "text/csv", ".csv", "bella.formats.text:csv_text"),
+        Format("json", "application/json", ".json", "bella.formats.text:json_text", "bella.formats.text:json_pieces"),
+        Format("csv", "text/csv", ".csv", "bella.formats.text:csv_text", "bella.formats.text:csv_pieces"),
         Format("ecsv", "text/ecsv", ".ecsv", "bella.formats.astropy_tables:ecsv"),
         Format("votable", "application/x-votable+xml", ".vot", "bella.formats.astropy_tables:votable"),
         Format("tfcat", "application/tfcat+json", ".tfcat.json", "bella.formats.tfcat:tfcat"),

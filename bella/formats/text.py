@@ -3,12 +3,16 @@
 import csv
 import io
 import json
-from collections.abc import Mapping
+from collections.abc import Iterable, Iterator, Mapping
+from itertools import islice
 
 import numpy as np
 
-from bella.formats.columns import Column
+from bella.formats.columns import Column, Schema
 from bella.formats.record_table import RecordTable, Values, iso_stamps, plain_rows
+
+ITEMS_AT_ONCE = 100
+"""Items of a list of JSON that make one piece."""
 
 
 def csv_text(table: RecordTable) -> bytes:
@@ -16,17 +20,21 @@ def csv_text(table: RecordTable) -> bytes:
 
     Numbers have as many digits as it takes to read the same number back; what is not known is empty.
     """
-    columns = [_written(column, table.data[column.name]) for column in table.schema.columns]
-    return csv_lines(table.schema.names, zip(*columns, strict=True), table.header).encode()
+    return b"".join(csv_pieces(table.schema, table.header, [table]))
 
 
-def csv_lines(names: tuple[str, ...], rows: object, header: Mapping[str, object]) -> str:
-    """Text of a CSV table: header, names, rows."""
+def csv_pieces(schema: Schema, header: Mapping[str, str], tables: Iterable[RecordTable]) -> Iterator[bytes]:
+    """The same piece by piece, of tables that follow one another."""
+    above = "".join(f"# {key}: {' '.join(str(value).split())}\n" for key, value in header.items())
+    yield (above + _csv_lines([schema.names])).encode()
+    for table in tables:
+        columns = [_written(column, table.data[column.name]) for column in schema.columns]
+        yield _csv_lines(zip(*columns, strict=True)).encode()
+
+
+def _csv_lines(rows: Iterable[tuple[str, ...]]) -> str:
     text = io.StringIO()
-    text.writelines(f"# {key}: {' '.join(str(value).split())}\n" for key, value in header.items())
-    writer = csv.writer(text, lineterminator="\n")
-    writer.writerow(names)
-    writer.writerows(rows)  # type: ignore[arg-type]
+    csv.writer(text, lineterminator="\n").writerows(rows)
     return text.getvalue()
 
 
@@ -44,15 +52,28 @@ def _written(column: Column, values: Values) -> list[str]:
 
 def json_text(table: RecordTable) -> bytes:
     """JSON object of the header, the columns with their units, and the rows; null for what is not known."""
+    return b"".join(json_pieces(table.schema, table.header, [table]))
+
+
+def json_pieces(schema: Schema, header: Mapping[str, str], tables: Iterable[RecordTable]) -> Iterator[bytes]:
+    """The same piece by piece, of tables that follow one another."""
     described = [
         {"name": one.name, "kind": one.kind, "unit": one.unit or None, "ucd": one.ucd, "description": one.description}
-        for one in table.schema.columns
+        for one in schema.columns
     ]
-    whole = {
-        "table": table.schema.name,
-        "title": table.schema.title,
-        "header": dict(table.header),
-        "columns": described,
-        "rows": plain_rows(table),
-    }
-    return json.dumps(whole, allow_nan=False, ensure_ascii=False).encode()
+    above = {"table": schema.name, "title": schema.title, "header": dict(header), "columns": described, "rows": []}
+    rows = (_json(row) for table in tables for row in plain_rows(table))
+    yield from json_list(_json(above).removesuffix("]}"), rows, "]}")
+
+
+def json_list(above: str, items: Iterable[str], below: str) -> Iterator[bytes]:
+    """A JSON list piece by piece, between what stands above and below it."""
+    rest, before = iter(items), above
+    while some := list(islice(rest, ITEMS_AT_ONCE)):
+        yield (before + ", ".join(some)).encode()
+        before = ", "
+    yield ((above if before is above else "") + below).encode()
+
+
+def _json(value: object) -> str:
+    return json.dumps(value, allow_nan=False, ensure_ascii=False)

@@ -51,7 +51,7 @@ def links_of(released_utc: datetime, events: Iterable[Event], others_utc: Iterab
     Parameters
     ----------
     released_utc : datetime.datetime
-        Begin of the burst at the Sun.
+        Start of the burst at the Sun.
     events : iterable of Event
     others_utc : iterable of datetime.datetime
         Begins of other bursts at the Sun.

@@ -1,12 +1,16 @@
-"""One burst: localise it with every definition of its edge, publish what is new, draw it.
+"""One burst: localise it with every definition of its edge, publish what is new, compare, draw it.
+
+The edge that the rule prefers is published first, and what other methods say of the tracks follows under the same ids:
+neither the preferred solution nor its grade depends on that. A run that was killed in between is made up for by the
+next, which finds what is missing.
 
 Only an error of the science says that a burst is not localisable. A full disk, a lost database or a lost lease ends the
 work and is raised, so that it is tried again.
 """
 
 import hashlib
-from collections.abc import Callable, Sequence
-from contextlib import closing
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import closing, contextmanager
 from dataclasses import dataclass, field, replace
 from datetime import UTC, datetime
 from typing import Any, TypeVar
@@ -30,7 +34,7 @@ from bella.pipeline.inputs import BurstInput
 from bella.pipeline.progress import counter
 from bella.pipeline.publication import Draft, inputs_hash, publish, store_spectra
 from bella.pipeline.surroundings import Surroundings, surroundings_of
-from bella.pipeline.tracks import Timing, fitted_track
+from bella.pipeline.tracks import Fitted, Timing, companions, fitted_track
 from bella.records import JointTrack, PreliminaryLevel, Track
 from bella.settings import Settings
 from bella.tracks import fit_preliminary, level_of
@@ -77,13 +81,80 @@ class BurstOutcome:
         return any(one.solution.answer.tier == FINAL for one in self.outcomes)
 
 
+@dataclass(frozen=True)
+class Begun:
+    """A burst whose first solution is published, and what its others need.
+
+    Attributes
+    ----------
+    given : BurstInput
+        With its spectra in the store, and with all of its sources.
+    choice : Choice
+    around : Surroundings
+    begun_utc : datetime.datetime
+    outcomes : tuple of Outcome
+        Solutions that are published.
+    fitted : mapping of str to Fitted
+        Fits of those that are new, by solution.
+    refused : mapping of str to str
+        Edges that give no solution, and why.
+    """
+
+    given: BurstInput
+    choice: Choice
+    around: Surroundings
+    begun_utc: datetime
+    outcomes: tuple[Outcome, ...] = ()
+    fitted: Mapping[str, Fitted] = field(default_factory=dict)
+    refused: Mapping[str, str] = field(default_factory=dict)
+
+
 def process_burst(given: BurstInput, choice: Choice, settings: Settings, run_id: str) -> BurstOutcome:
-    """Localise a burst under a lease of its own.
+    """Localise a burst: :func:`begin_burst`, and :func:`finish_burst` at once."""
+    begun = begin_burst(given, choice, settings, run_id)
+    return begun if isinstance(begun, BurstOutcome) else finish_burst(begun, settings, run_id)
+
+
+def begin_burst(given: BurstInput, choice: Choice, settings: Settings, run_id: str) -> Begun | BurstOutcome:
+    """Publish the first solution of a burst that has a track: that of the edge that the rule prefers, if it can be.
 
     Parameters
     ----------
     given : BurstInput
+        Received by two spacecraft: a preliminary track is published.
     choice : Choice
+    settings : Settings
+    run_id : str
+
+    Returns
+    -------
+    Begun or BurstOutcome
+        The latter, with a reason, where no edge gives a solution.
+
+    Raises
+    ------
+    BusyError
+        If another run is at work on the burst, or has taken it over.
+    StoreError, UnreachableError, OSError
+        If store or catalogue cannot be used: nothing is said of the burst.
+    """
+    begun_utc = datetime.now(UTC)
+    with _at_work(given.burst.burst_id, settings, run_id) as (catalogue, lease):
+        around = surroundings_of(given.burst.start_utc, settings)
+        spectra_path = store_spectra(given.spectra, given.burst, catalogue, settings)
+        burst = replace(given.burst, spectra_path=spectra_path, origin=given.origin)
+        given = replace(given, burst=burst, sources=(*given.sources, *around.sources()))
+        work = _Work(Begun(given, choice, around, begun_utc), catalogue, settings, lease)
+        begun = work.first() if len(burst.observatories) >= MIN_OBSERVATORIES else work.preliminary()
+    return begun if begun.outcomes else BurstOutcome(burst.burst_id, reason=next(iter(begun.refused.values())))
+
+
+def finish_burst(begun: Begun, settings: Settings, run_id: str) -> BurstOutcome:
+    """Publish the other solutions of a burst, add what other methods say to all, and draw it.
+
+    Parameters
+    ----------
+    begun : Begun
     settings : Settings
     run_id : str
 
@@ -93,22 +164,28 @@ def process_burst(given: BurstInput, choice: Choice, settings: Settings, run_id:
 
     Raises
     ------
-    BusyError
-        If another run is at work on the burst, or has taken it over.
-    StoreError, UnreachableError, OSError
-        If store or catalogue cannot be used: nothing is said of the burst.
+    BusyError, StoreError, UnreachableError, OSError
+        As :func:`begin_burst`; what is published stays, and a later run does the rest.
     """
-    burst_id = given.burst.burst_id
+    burst_id = begun.given.burst.burst_id
+    with _at_work(burst_id, settings, run_id) as (catalogue, lease):
+        work = _Work(begun, catalogue, settings, lease)
+        outcomes = [work.compared(one) for one in work.others()]
+        draw_burst(begun.given, [Drawn(one.solution, one.track) for one in outcomes], settings, begun.around)
+        # a later one of these may have become the preferred solution
+        last = [replace(one, solution=catalogue.solution(one.solution.solution_id)) for one in outcomes]
+        return BurstOutcome(burst_id, tuple(last))
+
+
+@contextmanager
+def _at_work(burst_id: str, settings: Settings, run_id: str) -> Iterator[tuple[Catalogue, Lease]]:
+    """Catalogue, and the lease of a burst: where that is lost, nothing is published any more."""
     with (
         structlog.contextvars.bound_contextvars(run_id=run_id, burst_id=burst_id),
         closing(Catalogue.open(settings.catalogue_url, create=True)) as catalogue,
         catalogue.lease(STAGE, burst_id, run_id, settings.lease_s) as lease,
     ):
-        try:
-            return BurstOutcome(burst_id, tuple(localise_given(given, choice, catalogue, settings, lease)))
-        except NotPlacedError as error:
-            log.warning("burst not localised", reason=str(error))
-            return BurstOutcome(burst_id, reason=str(error))
+        yield catalogue, lease
 
 
 def computed(compute: Callable[[], T]) -> T:
@@ -130,92 +207,92 @@ def computed(compute: Callable[[], T]) -> T:
         raise NotPlacedError(str(error)) from error
 
 
-def localise_given(
-    given: BurstInput, choice: Choice, catalogue: Catalogue, settings: Settings, lease: Lease
-) -> list[Outcome]:
-    """Localise a burst with every definition of its edge, publish what is new, and draw it.
-
-    Parameters
-    ----------
-    given : BurstInput
-        Heard by two spacecraft: a preliminary track is published.
-    choice : Choice
-    catalogue : Catalogue
-    settings : Settings
-    lease : Lease
-        On the burst: where it is lost, nothing is published any more.
-
-    Returns
-    -------
-    list of Outcome
-        One per definition of the edge that gave a solution.
-
-    Raises
-    ------
-    NotPlacedError
-        If none did; says why.
-    """
-    around = surroundings_of(given.burst.start_utc, settings)
-    spectra_path = store_spectra(given.spectra, given.burst, catalogue, settings)
-    burst = replace(given.burst, spectra_path=spectra_path, origin=given.origin)
-    given = replace(given, burst=burst, sources=(*given.sources, *around.sources()))
-    work = _Work(given, choice, catalogue, settings, lease, around)
-    outcomes = work.every_edge() if len(burst.observatories) >= MIN_OBSERVATORIES else [work.preliminary()]
-    drawn = [Drawn(one.solution, one.track) for one in outcomes]
-    draw_burst(given, drawn, settings, around)
-    # a later one of these may have become the preferred solution
-    return [replace(one, solution=catalogue.solution(one.solution.solution_id)) for one in outcomes]
-
-
-@dataclass(frozen=True)
+@dataclass
 class _Work:
     """A burst being localised, with all that is needed for it."""
 
-    given: BurstInput
-    choice: Choice
+    begun: Begun
     catalogue: Catalogue
     settings: Settings
     lease: Lease
-    around: Surroundings
-    begun_utc: datetime = field(default_factory=lambda: datetime.now(UTC))
 
-    def series(self, edge: str) -> Series:
-        return Series(edge, self.choice.method, self.choice.preset, self.choice.dimensions)
+    @property
+    def given(self) -> BurstInput:
+        return self.begun.given
 
-    def every_edge(self) -> list[Outcome]:
-        """Solutions of all edges; one that cannot be computed does not stop the others."""
-        outcomes, reasons = [], []
+    def first(self) -> Begun:
+        """With solutions of edges, the one first that the rule prefers, until one has a track."""
+        edges = self._edges_left()
+        while edges and not any(one.solution.answer.has_track for one in self.begun.outcomes):
+            self._try(edges.pop(0), self._final)
+        return self.begun
+
+    def preliminary(self) -> Begun:
+        """With the preliminary track of a burst that two spacecraft received, unless a final answer is there."""
+        edges = [name for name in PRELIMINARY_EDGES if name in self.given.arrivals] or list(self.given.arrivals)
+        self._try(edges[0], lambda edge: self._preliminary(edge, edges[1:]))
+        return self.begun
+
+    def others(self) -> tuple[Outcome, ...]:
+        """Solutions of all edges; a preliminary track stands alone."""
+        if self.begun.outcomes[0].solution.answer.tier == FINAL:
+            for edge in self._edges_left():
+                self._try(edge, self._final)
+        return self.begun.outcomes
+
+    def compared(self, outcome: Outcome) -> Outcome:
+        """Solution with what other methods say of its track, computed where it is not there yet."""
+        if not outcome.track.get("companions_pending"):
+            return outcome
+        solution, timing = outcome.solution, self._timing(outcome.solution.series.edge)
+        fitted = self.begun.fitted.get(solution.solution_id) or self._fitted(timing, solution.series)
+        beside = companions(fitted, timing, self.settings.seed, self.begun.around)
+        return replace(outcome, track=self.catalogue.add_companions(solution.solution_id, beside, self.lease))
+
+    def _edges_left(self) -> list[str]:
         # the edge that the rule prefers comes first: what is published after it leaves the choice as it is
-        for edge in sorted(self.given.arrivals, key=edge_rank):
-            try:
-                outcomes.append(self.final(self.series(edge)))
-            except NotPlacedError as error:
-                log.warning("edge gives no solution", edge=edge, reason=str(error))
-                reasons.append(str(error))
-        if not outcomes:
-            raise NotPlacedError(reasons[0])
-        return outcomes
+        done = {one.solution.series.edge for one in self.begun.outcomes} | set(self.begun.refused)
+        return sorted(set(self.given.arrivals) - done, key=edge_rank)
 
-    def final(self, series: Series) -> Outcome:
+    def _try(self, edge: str, solve: Callable[[str], Outcome]) -> None:
+        """Take note of the solution of an edge; one that cannot be computed does not stop the others."""
+        try:
+            outcome = solve(edge)
+        except NotPlacedError as error:
+            log.warning("edge gives no solution", edge=edge, reason=str(error))
+            self.begun = replace(self.begun, refused={**self.begun.refused, edge: str(error)})
+        else:
+            self.begun = replace(self.begun, outcomes=(*self.begun.outcomes, outcome))
+
+    def _series(self, edge: str) -> Series:
+        choice = self.begun.choice
+        return Series(edge, choice.method, choice.preset, choice.dimensions)
+
+    def _final(self, edge: str) -> Outcome:
         """Solution of one series: the one that is there if its inputs are the same, else a new version."""
-        timing = self._timing(series.edge)
+        series, timing = self._series(edge), self._timing(edge)
         checksum = inputs_hash(timing, self.given.sources, series, self.settings)
         if (same := self._same(series, checksum)) is not None:
             return same
         burst_id = self.given.burst.burst_id
-        posterior = computed(lambda: _posterior(timing.arrivals, burst_id, series, self.settings))
-        track, drawn = computed(lambda: fitted_track(posterior, timing, series, self.settings, self.around))
-        level = preliminary_level(self.catalogue, burst_id, read_track(track))
+        fitted = self._fitted(timing, series)
+        track = fitted.track.model_dump(mode="json")
+        level = preliminary_level(self.catalogue, burst_id, fitted.track)
         if level is not None:
             track["preliminary"] = level.model_dump(mode="json")
         if self.given.published_track:
             track["published"] = dict(self.given.published_track)
-        return self._published(Draft(self.given.burst, series, checksum, drawn, track, self.given.sources))
+        done = self._published(Draft(self.given.burst, series, checksum, fitted.drawn, track, self.given.sources))
+        self.begun = replace(self.begun, fitted={**self.begun.fitted, done.solution.solution_id: fitted})
+        return done
 
-    def preliminary(self) -> Outcome:
-        """Preliminary track of a burst that two spacecraft heard, unless a final answer is there."""
-        edge, *others = [name for name in PRELIMINARY_EDGES if name in self.given.arrivals] or self.given.arrivals
-        series, timing = self.series(edge), self._timing(edge)
+    def _fitted(self, timing: Timing, series: Series) -> Fitted:
+        burst_id = self.given.burst.burst_id
+        posterior = computed(lambda: _posterior(timing.arrivals, burst_id, series, self.settings))
+        return computed(lambda: fitted_track(posterior, timing, series, self.settings))
+
+    def _preliminary(self, edge: str, others: Sequence[str]) -> Outcome:
+        series, timing = self._series(edge), self._timing(edge)
         burst_id, second = self.given.burst.burst_id, [self._timing(name) for name in others]
         final = [one for one in _versions(self.catalogue, burst_id) if one.answer.tier == FINAL]
         if final:
@@ -250,7 +327,7 @@ class _Work:
             self.given.burst.end_utc,
             came.seen_utc,
             came.fetched_utc,
-            self.begun_utc,
+            self.begun.begun_utc,
             datetime.now(UTC),
             self.given.origin,
         )
@@ -276,7 +353,7 @@ def _posterior(arrivals: pd.DataFrame, burst_id: str, series: Series, settings: 
 def _grid(timing: Timing, series: Series) -> ArrivalGrid:
     """Arrival times of two spacecraft, as a preliminary fit takes them."""
     table = timing.arrivals if timing.channels is None else timing.channels
-    return apply_sigma_rule(arrival_grid(table, heard_by=1), find_preset(series.preset))
+    return apply_sigma_rule(arrival_grid(table, received_by=1), find_preset(series.preset))
 
 
 def circle_dataset(joint: JointTrack, burst_id: str, edge: str) -> xr.Dataset:

@@ -33,7 +33,7 @@ from bella.bursts.timing import (
     why_not_timed,
 )
 from bella.catalogue import Burst, BurstQuery, Catalogue, Detection
-from bella.exceptions import BellaError, InputError, NoDataError
+from bella.exceptions import BellaError, InputError, NoDataError, NotPlacedError
 from bella.flags import CATALOGUED, LOCALISABLE
 from bella.pipeline.day_files import DayFiles, check_content
 from bella.pipeline.inputs import BurstInput, aware, collapsed_of, origin_of
@@ -59,7 +59,7 @@ EDGES = (SHARED, HALF_RISE, "half_maximum")
 """Definitions of the edge with which a burst is timed."""
 
 PRELIMINARY_EDGES = (HALF_RISE, "half_maximum")
-"""Those of a burst that two spacecraft heard: the first is fitted, the second has to agree."""
+"""Those of a burst that two spacecraft received: the first is fitted, the second has to agree."""
 
 NOT_LOCALISABLE, NO_PRELIMINARY = "not localisable: ", "no preliminary track: "
 
@@ -73,19 +73,31 @@ class FoundBurst:
 
     Attributes
     ----------
-    name : str
-        In the detection table of the day.
     burst_id : str
         In the catalogue.
-    reason : str
-        Why it is not localised; empty where `given` is what its localisation starts from.
-    given : BurstInput or None
+    found : AssociatedBurst
+        Under the name that it has in the detection table of the day.
     """
 
-    name: str
     burst_id: str
-    reason: str
-    given: BurstInput | None
+    found: AssociatedBurst
+
+    @property
+    def is_localisable(self) -> bool:
+        """Whether three spacecraft or more received it well; if not, `reason` says why it has no position."""
+        return self.found.tier == LOCALISABLE
+
+    @property
+    def reason(self) -> str:
+        """Why it has no position; empty where it may have one."""
+        return "" if self.is_localisable else self.found.reason
+
+    @property
+    def edges(self) -> tuple[str, ...]:
+        """Definitions of the edge with which it is timed; none where nothing can be said of its track."""
+        if self.is_localisable:
+            return EDGES
+        return PRELIMINARY_EDGES if received_by_two(self.found) else ()
 
 
 @dataclass(frozen=True)
@@ -129,7 +141,7 @@ class FoundDay:
 
 
 def search_day(files: DayFiles, known: Sequence[KnownBurst]) -> FoundDay:
-    """Read the spectra of a day, search them, compare spacecraft, and time the bursts that can be localised.
+    """Read the spectra of a day, search them, and compare spacecraft.
 
     Parameters
     ----------
@@ -157,7 +169,7 @@ def search_day(files: DayFiles, known: Sequence[KnownBurst]) -> FoundDay:
     kept = table[inside | (table["burst_id"] != "")].reset_index(drop=True)
     origin = origin_of(spectra.values())
     names = known_burst_ids([one for one in known if is_named_for(one[0], origin)], bursts, origin)
-    found = tuple(_timed(files, one, names[one.burst_id]) for one in bursts)
+    found = tuple(FoundBurst(names[one.burst_id], one) for one in bursts)
     number = sum(not one.not_searchable for one in searched)
     return FoundDay(files, tuple(one.over for one in searched), found, kept, left_out, not_searchable, number)
 
@@ -175,20 +187,8 @@ def _searched(spectra: Mapping[str, xr.Dataset]) -> tuple[list[Searched], tuple[
     return found, tuple(f"{name}: {reason}" for name, reason in reasons.items() if reason)
 
 
-def _timed(files: DayFiles, burst: AssociatedBurst, burst_id: str) -> FoundBurst:
-    is_preliminary = burst.tier != LOCALISABLE and heard_by_two(burst)
-    if burst.tier != LOCALISABLE and not is_preliminary:
-        return FoundBurst(burst.burst_id, burst_id, burst.reason, None)
-    with structlog.contextvars.bound_contextvars(burst_id=burst_id):
-        given = time_members(files, burst, burst_id, PRELIMINARY_EDGES if is_preliminary else EDGES)
-    if not isinstance(given, str):
-        return FoundBurst(burst.burst_id, burst_id, burst.reason if is_preliminary else "", given)
-    reason = f"{burst.reason}; {NO_PRELIMINARY}{given.removeprefix(NOT_LOCALISABLE)}" if is_preliminary else given
-    return FoundBurst(burst.burst_id, burst_id, reason, None)
-
-
-def heard_by_two(burst: AssociatedBurst) -> bool:
-    """Whether a burst may have a preliminary track: two spacecraft heard it well, below 2 MHz, drifting like a beam.
+def received_by_two(burst: AssociatedBurst) -> bool:
+    """Whether a burst may have a preliminary track: two spacecraft received it well, below 2 MHz, drifting like a beam.
 
     Parameters
     ----------
@@ -246,11 +246,11 @@ def day_spectra(files: DayFiles) -> tuple[dict[str, xr.Dataset], tuple[str, ...]
     start, stop = midnight - BEFORE, midnight + np.timedelta64(1, "D") + AFTER
     parts = [part for one in found if (part := one.sel(time=slice(start, stop))).sizes["time"] > 1]
     whole, unfit = by_observatory_of_what_fits(parts)
-    heard = {name: one for name, one in whole.items() if _reaches(one, midnight)}
-    if not heard:
+    reaching = {name: one for name, one in whole.items() if _reaches(one, midnight)}
+    if not reaching:
         said = f" ({'; '.join((*left_out, *unfit))})" if left_out or unfit else ""
         raise NoDataError(f"no file has a record of {files.day} that can be searched{said}: fetch the day again")
-    return heard, (*left_out, *unfit)
+    return reaching, (*left_out, *unfit)
 
 
 def _brought_spectra(day: date, folder: UserFolder) -> tuple[dict[str, xr.Dataset], tuple[str, ...]]:
@@ -265,43 +265,45 @@ def _reaches(spectrum: xr.Dataset, midnight: np.datetime64) -> bool:
     return bool(spectrum.sel(time=slice(midnight, midnight + np.timedelta64(1, "D"))).sizes["time"])
 
 
-def time_members(
-    files: DayFiles, burst: AssociatedBurst, burst_id: str, wanted: Sequence[str] = EDGES
-) -> BurstInput | str:
-    """Time a burst by the spacecraft that heard it well.
+def timed_burst(files: DayFiles, one: FoundBurst) -> BurstInput:
+    """Time a burst by the spacecraft that received it well.
 
     Parameters
     ----------
     files : DayFiles
-    burst : AssociatedBurst
-    burst_id : str
-        Id under which it goes into the catalogue.
-    wanted : sequence of str
-        Definitions of the edge.
+    one : FoundBurst
 
     Returns
     -------
-    BurstInput or str
-        What localising starts from; or the reason why its edges do not place it.
+    BurstInput
+        What localising starts from.
+
+    Raises
+    ------
+    NotPlacedError
+        If its edges do not place it.
     """
+    burst = one.found
     members = [member for member in burst.members if member.fits]
     names = [member.searched.observatory for member in members]
     try:
         parts = [burst_spectrum(member.searched, member.candidate) for member in members]
-        timed = {one.edge: one for edge in wanted if (one := time_burst(parts, edge))}
+        timed = {edge: time_burst(parts, edge) for edge in one.edges}
         reason = why_not_timed(timed[HALF_RISE], names)
         if reason:
-            return reason
-        kept = {edge: one for edge, one in timed.items() if not why_not_timed(one, names)}
+            raise NotPlacedError(reason.removeprefix(NOT_LOCALISABLE))
+        kept = {edge: each for edge, each in timed.items() if not why_not_timed(each, names)}
         arrivals = {
-            edge: placed(arrival_table(one, shared_frequencies_mhz(one)), [member.searched for member in members])
-            for edge, one in kept.items()
+            edge: with_stated_positions(
+                arrival_table(each, shared_frequencies_mhz(each)), [member.searched for member in members]
+            )
+            for edge, each in kept.items()
         }
     except (NoDataError, InputError) as error:
-        return f"{NOT_LOCALISABLE}{error}"
+        raise NotPlacedError(str(error)) from error
     table = arrivals[HALF_RISE]
     record = Burst(
-        burst_id,
+        one.burst_id,
         aware(burst.start_utc.to_datetime64()),
         aware(table["arrival_utc"].max().to_datetime64()),
         float(table["frequency_mhz"].min()),
@@ -311,7 +313,7 @@ def time_members(
     return BurstInput(
         record,
         arrivals,
-        {edge: one.edges for edge, one in kept.items()},
+        {edge: each.edges for edge, each in kept.items()},
         _shown(members, burst),
         files.sources,
         channel_arrivals=_channel_tables(kept, members),
@@ -327,7 +329,7 @@ def _directions(members: Sequence[Member], burst: AssociatedBurst, record: Burst
     return burst_directions([one.searched.over for one in members], (start - SHOWN_BEFORE, start + SHOWN_AFTER), band)
 
 
-def placed(table: pd.DataFrame, searched: Sequence[Searched]) -> pd.DataFrame:
+def with_stated_positions(table: pd.DataFrame, searched: Sequence[Searched]) -> pd.DataFrame:
     """Fill in where spacecraft were as their files say, where these have positions that the ephemeris does not deny.
 
     Parameters
@@ -365,7 +367,7 @@ def _channel_tables(timed: Mapping[str, TimedBurst], members: Sequence[Member]) 
     tables = {}
     for edge, one in timed.items():
         try:
-            tables[edge] = placed(channel_arrivals(one), [member.searched for member in members])
+            tables[edge] = with_stated_positions(channel_arrivals(one), [member.searched for member in members])
         except (InputError, NoDataError) as error:  # the track is then fitted to t(f)
             log.warning("no channel edges for the track", edge=edge, reason=str(error))
     return tables

@@ -55,6 +55,8 @@ class DayFiles:
         Data sets that could not be asked for, where the mirror has no file of the day.
     folder : UserFolder or None
         That the files are in, where a user has brought them; None for the mirror.
+    came_s : float
+        When the newest file of the mirror of the day itself came, s since 1970; 0 where there is none.
     """
 
     day: date
@@ -63,6 +65,7 @@ class DayFiles:
     inputs_hash: str
     silent: tuple[str, ...] = ()
     folder: UserFolder | None = None
+    came_s: float = 0.0
 
     @property
     def origin(self) -> Origin:
@@ -180,6 +183,7 @@ class Mirror:
                 for dataset in self._datasets
                 for other in (day - DAY, day, day + DAY)
             }
+            came_s = [one[0].stat().st_ctime for (_, other), one in found.items() if one and other == day]
             asked = answers_of(day, self._root)
         except OSError as error:
             raise StoreError(f"mirror {self._root} cannot be read ({error}): repair it and run again") from error
@@ -193,6 +197,7 @@ class Mirror:
             tuple(source for _, source in known),
             hashlib.sha256(text.encode()).hexdigest(),
             () if own else _silent(asked),
+            came_s=max(came_s, default=0.0),
         )
         return with_surroundings(files, self._settings)
 

@@ -15,6 +15,7 @@ import pandas as pd
 import structlog
 import xarray as xr
 
+from bella import __version__
 from bella.bursts.matched_filter import over_quiet
 from bella.bursts.timing import SHARED
 from bella.catalogue import Detection, Solution
@@ -25,19 +26,22 @@ from bella.pipeline.inputs import BurstInput, origin_of
 from bella.pipeline.progress import counter
 from bella.pipeline.surroundings import Surroundings, draw_wind, has_wind
 from bella.plotting import (
+    Caption,
     MapView,
     SpectraView,
     TrackView,
     constellation_caption,
     constellation_figure,
+    day_figure,
     edge_name,
+    origin_warning,
     spectra_caption,
     spectra_figure,
     write_collapsed_png,
-    write_day_svg,
     write_density_png,
     write_figure,
     write_polar_fit_png,
+    write_whole,
 )
 from bella.settings import COLLAPSED_FIGURE, FIT_FIGURES, WIND_FIGURE, Settings
 from bella.store import open_group
@@ -94,12 +98,18 @@ def _draw(given: BurstInput, solutions: Sequence[Drawn], settings: Settings, aro
         )
         for one in positions
     ]
+    burst = given.burst
+    said, warning = f"Burst {burst.burst_id}. BELLA service {__version__}.", origin_warning(burst.origin)
     advance = counter("figures", len(figure_paths(given, solutions, settings)))
     if positions:
-        best_first = [view for _, view in sorted(zip(positions, views, strict=True), key=_is_other)]
+        pairs = list(zip(positions, views, strict=True))
+        best_first = [view for one, view in pairs if one.solution.preferred]
+        best_first += [view for one, view in pairs if not one.solution.preferred]
         utc = np.datetime64(given.burst.start_utc.replace(tzinfo=None), "ns")
         path = constellation(given, positions[0].solution, settings)
-        write_figure(path, constellation_figure(best_first, utc, MapView()), constellation_caption("hee"))
+        write_figure(
+            path, constellation_figure(best_first, utc, MapView()), Caption(constellation_caption("hee"), said, warning)
+        )
         advance(1)
     for one, view in zip(positions, views, strict=True):
         polar_fit, density = fit_figures(one.solution, settings)
@@ -114,12 +124,8 @@ def _draw(given: BurstInput, solutions: Sequence[Drawn], settings: Settings, aro
             advance(1)
     if given.spectra is not None:
         drawn = spectra_figure(given.spectra, given.channel_edges, SpectraView())
-        write_figure(spectra_path(given, settings), drawn, spectra_caption("spacecraft"))
+        write_figure(spectra_path(given, settings), drawn, Caption(spectra_caption("spacecraft"), said, warning))
         advance(1)
-
-
-def _is_other(pair: tuple[Drawn, TrackView]) -> bool:
-    return not pair[0].solution.preferred
 
 
 def figure_paths(given: BurstInput, solutions: Sequence[Drawn], settings: Settings) -> list[Path]:
@@ -183,7 +189,8 @@ def draw_day(day: date, spectra: Sequence[xr.Dataset], found: Sequence[Detection
     """
     path = settings.day_figure(day, origin_of(spectra))
     try:
-        write_day_svg(path, day, spectra, detection_frame(found))
+        # without a style of its own: it becomes a part of the page
+        write_whole(path, day_figure(day, spectra, detection_frame(found)))
     except Exception as error:  # noqa: BLE001 - a picture is not worth a day, whatever keeps it from being drawn
         log.warning("figure of the day not drawn", reason=f"{type(error).__name__}: {error}")
         if path.is_file():

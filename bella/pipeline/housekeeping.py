@@ -13,8 +13,9 @@ from pathlib import Path
 
 import structlog
 
+from bella.bursts.event import EVENT
 from bella.catalogue import Catalogue, Solution, StoredGroup
-from bella.exceptions import BusyError, StoreError
+from bella.exceptions import BusyError, NoDataError, StoreError
 from bella.pipeline.publication import store_group
 from bella.settings import Settings
 from bella.store import content_sha256, open_group, open_tree, sweep
@@ -51,6 +52,25 @@ def sweep_store(catalogue: Catalogue, settings: Settings, run_id: str) -> list[s
             return sweep(settings.store_root, referenced, settings.lease_s, in_use)
     except BusyError:
         return []
+
+
+def has_event(catalogue: Catalogue) -> bool:
+    """Whether the built-in event is published, and nothing of its solutions is to follow.
+
+    Parameters
+    ----------
+    catalogue : Catalogue
+
+    Returns
+    -------
+    bool
+    """
+    try:
+        known = catalogue.burst(EVENT.burst_id).solutions
+    except NoDataError:
+        return False
+    tracks = (catalogue.track_fit(one.solution_id) for one in known)
+    return bool(known) and not any(one.get("companions_pending") for one in tracks)
 
 
 @dataclass(frozen=True)

@@ -96,7 +96,12 @@ def feeds(settings: Settings, today: date) -> tuple[Feed, ...]:
     first = today - settings.recent_days * DAY
     winds = tuple(one for one in COMPANIONS if one.kind == "in_situ")
     regions = tuple(one for one in COMPANIONS if one.kind == "regions")
-    flares = tuple(one for one in COMPANIONS if one.kind == "events")
+    events = {
+        "NOAA": settings.regions_archive,
+        "SWPC": settings.swpc_archive,
+        "GOES": settings.swpc_archive,
+        "DONKI": settings.donki_archive,
+    }
     current = tuple(one for one in DATASETS if one.last is None or one.last >= first)
     found = [Feed(settings.archive, current, settings.mirror_root, first)] if settings.recent_days else []
     if settings.in_situ is not None:
@@ -104,7 +109,9 @@ def feeds(settings: Settings, today: date) -> tuple[Feed, ...]:
     if settings.regions is not None:
         found.append(Feed(settings.regions_archive, regions, settings.regions, first - 2 * DAY))
     if settings.events is not None:
-        found.append(Feed(settings.regions_archive, flares, settings.events, first - 2 * DAY))
+        lists = tuple(one for one in COMPANIONS if one.kind == "events")
+        roots = {one: events[one.key.partition("_")[0]] for one in lists}
+        found += [Feed(root, (one,), settings.events, first - 2 * DAY) for one, root in roots.items() if root]
     return tuple(found)
 
 

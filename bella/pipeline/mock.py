@@ -21,7 +21,7 @@ from bella.archive import Received
 from bella.catalogue import Catalogue, MockRun, SourceFile
 from bella.exceptions import BellaError, NotPlacedError
 from bella.pipeline.burst import Choice, process_burst
-from bella.pipeline.day import search_day
+from bella.pipeline.day import search_day, timed_burst
 from bella.pipeline.day_files import DayFiles
 from bella.pipeline.inputs import BurstInput
 from bella.records import Origin
@@ -85,11 +85,11 @@ def _sent(settings: Settings, burst_id: str, now: datetime) -> MockRun:
     case = isolated_burst("clean", SCENE_DAY, SCENE_SEED)
     with _written(case) as files:
         found = search_day(files, ())
-        timed = [one.given for one in found.bursts if one.given is not None]
-    if not timed:
-        reasons = "; ".join(one.reason for one in found.bursts) or "no burst was found"
-        raise NotPlacedError(f"the mock burst was not found in its spectra: {reasons}")
-    given = _renamed(timed[0], burst_id, now)
+        wanted = [one for one in found.bursts if one.is_localisable]
+        if not wanted:
+            reasons = "; ".join(one.reason for one in found.bursts) or "no burst was found"
+            raise NotPlacedError(f"the mock burst was not found in its spectra: {reasons}")
+        given = _renamed(timed_burst(files, wanted[0]), burst_id, now)
     done = process_burst(given, Choice(), settings.model_copy(update={"draws": DRAWS}), f"mock-{uuid.uuid4().hex[:8]}")
     if not done.outcomes:
         raise NotPlacedError(f"the mock burst was not localised: {done.reason}")

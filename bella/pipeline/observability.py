@@ -15,7 +15,6 @@ from bella.multilateration.posterior import Recipe, exact_posterior
 from bella.multilateration.priors import find_preset
 from bella.multilateration.uncertainty_map import Receivers, noise_free_arrivals
 from bella.spacecraft import position_hee
-from bella.units import FloatArray
 
 log = structlog.get_logger(__name__)
 
@@ -100,17 +99,32 @@ def fleet_map(day: date, fleet: tuple[str, ...], sigma_s: dict[str, float]) -> F
         log.warning("no observability", fleet=list(fleet), reason=str(error))
         return None
     receivers = Receivers(fleet, where, np.array([sigma_s[name] for name in fleet]))
-    rows = tuple(_radii(_circle(distance), receivers) for distance in DISTANCES_RSUN)
+    rows = tuple(region_radii(distance, LONGITUDES_DEG, receivers) for distance in DISTANCES_RSUN)
     return FleetMap(observatories=fleet, sigma_s={name: sigma_s[name] for name in fleet}, radius68_rsun=rows)
 
 
-def _circle(distance_rsun: float) -> FloatArray:
-    angle = np.radians(LONGITUDES_DEG)
-    return distance_rsun * np.column_stack([np.cos(angle), np.sin(angle)])
+def region_radii(
+    distance_rsun: float, longitudes_deg: Sequence[float], receivers: Receivers
+) -> tuple[float | None, ...]:
+    """Radius of the circle with the area of the 68 % region of a source at a distance, in each direction.
 
+    The region may be several pieces, such as a source and its mirror image.
 
-def _radii(points: FloatArray, receivers: Receivers) -> tuple[float | None, ...]:
-    """Radius at each point; the region may be several pieces, such as a source and its mirror image."""
+    Parameters
+    ----------
+    distance_rsun : float
+    longitudes_deg : sequence of float
+        HEE.
+    receivers : Receivers
+        Three or more.
+
+    Returns
+    -------
+    tuple of float or None
+        Solar radii; None where the posterior cannot be computed.
+    """
+    angle = np.radians(longitudes_deg)
+    points = distance_rsun * np.column_stack([np.cos(angle), np.sin(angle)])
     recipe = Recipe("posterior", find_preset(PRESET), dimensions=2, draws=FEWEST_DRAWS, seed=0)
     try:
         posterior = exact_posterior(noise_free_arrivals(points, receivers), recipe, lambda _: None)

@@ -119,7 +119,7 @@ class Draft:
         As :func:`inputs_hash` returns it.
     posterior : xarray.Dataset
     track : dict
-        As :func:`bella.pipeline.tracks.fitted_track` returns it.
+        Ready for JSON.
     sources : tuple of SourceFile
     """
 

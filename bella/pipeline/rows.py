@@ -1,6 +1,6 @@
 """Rows of the published tables, from the catalogue and the posteriors: the same for the API, HAPI and a release."""
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Collection, Generator, Iterable, Iterator
 from dataclasses import asdict, replace
 from datetime import date
 from itertools import islice
@@ -9,21 +9,32 @@ from typing import TypeVar
 import numpy as np
 import xarray as xr
 
-from bella.catalogue import BurstQuery, BurstSummary, Catalogue, DaySummary, KnownEvent, Solution, SolutionTimes
+from bella.catalogue import (
+    BurstQuery,
+    BurstSummary,
+    Catalogue,
+    DaySummary,
+    EventQuery,
+    KnownEvent,
+    Solution,
+    SolutionTimes,
+)
 from bella.exceptions import InputError
 from bella.formats import track_numbers
+from bella.linked_events import Link
+from bella.records import REAL_ORIGINS, Origin
 
 Row = dict[str, object]
 Item = TypeVar("Item")
 
 AT_ONCE = 500
-"""Solutions that are read with one statement."""
+"""Solutions that are read with one statement, and rows that are in memory at a time."""
 
 _NOISE = ("sigma_s", "shape_sd_s", "offset_sd_s", "delay_s", "delay_sd_s", "rise_s")
 _POSITION = ("x_rsun", "y_rsun", "z_rsun")
 
 
-def all_bursts(catalogue: Catalogue, query: BurstQuery) -> Iterator[BurstSummary]:
+def all_bursts(catalogue: Catalogue, query: BurstQuery) -> Generator[BurstSummary]:
     """Bursts of all pages of a query."""
     while True:
         page = catalogue.bursts(query)
@@ -38,7 +49,7 @@ def burst_row(summary: BurstSummary) -> Row:
     burst, preferred = summary.burst, summary.preferred
     retracted = burst.retracted.reason if burst.retracted else ""
     lists = {"observatories": " ".join(burst.observatories), "retracted": retracted}
-    row: Row = {**asdict(burst), **lists, "version": 0}
+    row: Row = {**vars(burst), **lists, "version": 0}
     if preferred is None:
         return row
     said = preferred.answer.model_dump()
@@ -48,7 +59,7 @@ def burst_row(summary: BurstSummary) -> Row:
 
 def track_rows(catalogue: Catalogue, summaries: Iterable[BurstSummary]) -> Iterator[Row]:
     """Rows of bursts in the table of tracks; none of a burst whose preferred solution has no track."""
-    for some in _batches(one for one in summaries if one.preferred):
+    for some in batches(one for one in summaries if one.preferred):
         tracks = catalogue.tracks_of([one.preferred.solution_id for one in some if one.preferred])
         for summary in some:
             preferred = summary.preferred
@@ -66,15 +77,16 @@ def track_rows(catalogue: Catalogue, summaries: Iterable[BurstSummary]) -> Itera
 
 def localisation_rows(catalogue: Catalogue, solutions: Iterable[Solution]) -> Iterator[Row]:
     """Rows of solutions in the table of localisations, one per frequency."""
-    for some in _batches(solutions):
+    for some in batches(solutions):
         positions = catalogue.localisations_of([one.solution_id for one in some])
         for solution in some:
             same = {**_series(solution), "burst_id": solution.burst_id}
             for row in positions[solution.solution_id]:
-                yield {**asdict(row), **same}
+                yield {**vars(row), **same}
 
 
-def _batches(items: Iterable[Item]) -> Iterator[list[Item]]:
+def batches(items: Iterable[Item]) -> Iterator[list[Item]]:
+    """Lists of `AT_ONCE` items; the last one may be shorter."""
     rest = iter(items)
     while some := list(islice(rest, AT_ONCE)):
         yield some
@@ -99,7 +111,7 @@ def arrival_rows(solution: Solution, posterior: xr.Dataset, observatory: str | N
     receiver = posterior["receiver_rsun"].to_numpy()
     rows: list[Row] = []
     for column, name in enumerate(names):
-        heard = np.flatnonzero(np.isfinite(posterior["arrival_s"].to_numpy()[:, column]))
+        received = np.flatnonzero(np.isfinite(posterior["arrival_s"].to_numpy()[:, column]))
         rows += [
             {
                 **{key: float(values[row, column]) for key, values in numbers.items()},
@@ -111,7 +123,7 @@ def arrival_rows(solution: Solution, posterior: xr.Dataset, observatory: str | N
                 "frequency_mhz": float(posterior["frequency"][row]),
                 "arrival_utc": times[row, column],
             }
-            for row in heard
+            for row in received
             if observatory in {None, name}
         ]
     return rows
@@ -125,15 +137,27 @@ def day_row(day: DaySummary) -> Row:
     return {**searched, **counts, **words}
 
 
-def all_days(catalogue: Catalogue, first: date | None, last: date | None) -> Iterator[DaySummary]:
-    """Searched days of [first, last] in real data, the newest first."""
+def all_days(
+    catalogue: Catalogue, first: date | None, last: date | None, origins: Collection[Origin] = REAL_ORIGINS
+) -> Iterator[DaySummary]:
+    """Searched days of [first, last] in data of these origins, the newest first."""
     cursor: str | None = None
     while True:
-        page = catalogue.days(first, last, limit=366, cursor=cursor)
+        page = catalogue.days(first, last, limit=366, origins=origins, cursor=cursor)
         yield from page.days
         if page.next_cursor is None:
             return
         cursor = page.next_cursor
+
+
+def all_events(catalogue: Catalogue, query: EventQuery) -> Iterator[KnownEvent]:
+    """Published events of all pages of a query."""
+    while True:
+        page = catalogue.events.events(query)
+        yield from page.events
+        if page.next_cursor is None:
+            return
+        query = replace(query, cursor=page.next_cursor)
 
 
 def latency_row(solution_id: str, times: SolutionTimes) -> Row:
@@ -147,14 +171,19 @@ def latency_row(solution_id: str, times: SolutionTimes) -> Row:
 
 def event_rows(catalogue: Catalogue, known: KnownEvent) -> Iterator[Row]:
     """Rows of a published event, one for each burst that it is near to; one row without a burst where there is none."""
-    own = asdict(known.event) | {"observatory": known.event.observer}
     if not known.bursts:
-        yield own
+        yield asdict(known.event) | {"observatory": known.event.observer}
     for burst_id, delay_s in known.bursts.items():
-        preferred = catalogue.burst(burst_id).preferred
-        said = {**preferred.answer.model_dump(), "solution_id": preferred.solution_id} if preferred else {}
-        yield {**said, **own, "burst_id": burst_id, "delay_s": delay_s}
+        yield link_row(Link(known.event, delay_s), catalogue.burst(burst_id))
+
+
+def link_row(link: Link, near: BurstSummary) -> Row:
+    """Row of a published event and a burst that it is near to."""
+    preferred = near.preferred
+    said = {**preferred.answer.model_dump(), "solution_id": preferred.solution_id} if preferred else {}
+    own = asdict(link.event) | {"observatory": link.event.observer}
+    return {**said, **own, "burst_id": near.burst.burst_id, "delay_s": link.delay_s}
 
 
 def _series(solution: Solution) -> Row:
-    return {**asdict(solution.series), "solution_id": solution.solution_id}
+    return {**vars(solution.series), "solution_id": solution.solution_id}

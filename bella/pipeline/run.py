@@ -19,8 +19,8 @@ import structlog
 
 import bella
 from bella.catalogue import Catalogue, SearchedDay, Submission
-from bella.exceptions import BellaError, InputError, NoDataError, StoreError
-from bella.pipeline.burst import BurstOutcome, Choice, process_burst
+from bella.exceptions import BellaError, InputError, NoDataError, NotPlacedError, StoreError
+from bella.pipeline.burst import Begun, BurstOutcome, Choice, begin_burst, finish_burst, process_burst
 from bella.pipeline.day import (
     DAY,
     NO_PRELIMINARY,
@@ -31,6 +31,7 @@ from bella.pipeline.day import (
     detection_records,
     known_bursts,
     search_day,
+    timed_burst,
 )
 from bella.pipeline.day_files import BroughtFolder, DayFiles, Mirror, fetch_range
 from bella.pipeline.draw import draw_day, redraw_day
@@ -39,7 +40,7 @@ from bella.pipeline.inputs import load_burst
 from bella.pipeline.observability import observed_day
 from bella.pipeline.outcome import FAILED, NOTHING_NEW, SEARCHED, DayOutcome, remarks
 from bella.pipeline.progress import counter
-from bella.pipeline.workers import Workers
+from bella.pipeline.workers import LATER_S, Workers
 from bella.records import DayAnswer, Origin
 from bella.settings import Settings
 
@@ -80,6 +81,9 @@ class Pending(Protocol):
 
     def result(self) -> DayOutcome:
         """Wait for it; what went wrong is raised."""
+
+    def add_done_callback(self, fn: Callable[[Any], None], /) -> None:
+        """Call a function with it when it is done."""
 
 
 class Executor(Protocol):
@@ -187,7 +191,7 @@ def process_days(
                     outcomes[files.day] = done
                     advance(1)
     for day, one in pending:
-        outcomes[day] = _awaited(day, one)
+        outcomes[day] = awaited(day, one)
         advance(1)
     left_out = () if brought is None else brought.left_out
     return DaysDone(tuple(outcomes[day] for day in days), tuple(unreachable), left_out)
@@ -198,7 +202,8 @@ def _chunks(days: Sequence[date]) -> Iterator[Sequence[date]]:
         yield days[start : start + CHUNK_DAYS]
 
 
-def _awaited(day: date, pending: Pending) -> DayOutcome:
+def awaited(day: date, pending: Pending) -> DayOutcome:
+    """Outcome of a day; whatever ended it makes it one that failed, and stops no other."""
     try:
         return pending.result()
     except Exception as error:
@@ -242,6 +247,8 @@ def finished_before(files: DayFiles, catalogue: Catalogue, settings: Settings) -
 def process_day(files: DayFiles, known: Sequence[KnownBurst], run: Run) -> DayOutcome:
     """Search a day, localise its bursts, record it: a day that is cut short anywhere is done again.
 
+    First solutions of all days are more urgent than what follows them, and of each the days whose files came last.
+
     Parameters
     ----------
     files : DayFiles
@@ -258,30 +265,48 @@ def process_day(files: DayFiles, known: Sequence[KnownBurst], run: Run) -> DayOu
     BusyError, StoreError, UnreachableError, WorkerLostError, OSError
         Nothing is recorded of the day.
     """
-    settings, day = run.settings, files.day
+    settings, day, workers = run.settings, files.day, run.workers
+    now = files.came_s
+    later = now - LATER_S
     with (
         structlog.contextvars.bound_contextvars(run_id=run.run_id, day=f"{day}"),
         closing(Catalogue.open(settings.catalogue_url, create=True)) as catalogue,
         catalogue.lease(SEARCH, f"{day}", run.run_id, settings.lease_s) as lease,
     ):
         try:
-            found = run.workers.call(search_day, files, known)
+            found = workers.call(search_day, files, known, urgency=now)
         except NoDataError as error:
             log.warning("day not searchable", reason=str(error))
             outcome = DayOutcome(day, NOT_SEARCHABLE.value, NOT_SEARCHABLE, message=str(error).partition("\n")[0])
             catalogue.record_day(_record_of(files, outcome, files.origin), (), lease)
             return outcome
-        given = [one for one in found.bursts if one.given is not None]
-        work = [(one.given, run.choice, settings, run.run_id) for one in given]
-        bursts = {one.burst_id: one for one in run.workers.map(process_burst, work)}
+        work = [(files, one, run.choice, settings, run.run_id) for one in found.bursts if one.edges]
+        begun = workers.map(begin_found, work, now)
+        left = [(one, settings, run.run_id) for one in begun if isinstance(one, Begun)]
+        refused = [one for one in begun if isinstance(one, BurstOutcome)]
+        bursts = {one.burst_id: one for one in [*refused, *workers.map(finish_burst, left, later)]}
         outcome = _outcome_of(found, bursts)
-        verdicts = {one.name: (one.burst_id, _reason(one, bursts.get(one.burst_id))) for one in found.bursts}
+        verdicts = {one.found.burst_id: (one.burst_id, _reason(one, bursts.get(one.burst_id))) for one in found.bursts}
         records = detection_records(found.table, verdicts)
-        run.workers.call(draw_day, day, found.spectra, records, settings)
+        workers.call(draw_day, day, found.spectra, records, settings, urgency=later)
         if found.origin is Origin.ARCHIVE:  # what users bring says nothing of what the service can see
-            catalogue.operation.record_observed(run.workers.call(observed_day, day, found.spectra), files.inputs_hash)
+            observed = workers.call(observed_day, day, found.spectra, urgency=later)
+            catalogue.operation.record_observed(observed, files.inputs_hash)
         catalogue.record_day(_record_of(files, outcome, found.origin), records, lease)
         return outcome
+
+
+def begin_found(
+    files: DayFiles, found: FoundBurst, choice: Choice, settings: Settings, run_id: str
+) -> Begun | BurstOutcome:
+    """Time a burst of a day and publish its first solution; see :func:`bella.pipeline.burst.begin_burst`."""
+    with structlog.contextvars.bound_contextvars(run_id=run_id, burst_id=found.burst_id):
+        try:
+            given = timed_burst(files, found)
+        except NotPlacedError as error:
+            log.warning("burst not timed", reason=str(error))
+            return BurstOutcome(found.burst_id, reason=str(error))
+    return begin_burst(given, choice, settings, run_id)
 
 
 def _record_of(files: DayFiles, outcome: DayOutcome, origin: Origin) -> SearchedDay:

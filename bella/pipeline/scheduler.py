@@ -60,15 +60,16 @@ class Scheduler:
             self.close()
             raise
 
-    def map(self, function: Callable[..., T], arguments: Iterable[tuple[Any, ...]]) -> list[T]:
-        """Results of a function of a module for several arguments, in their order.
+    def map(self, function: Callable[..., T], arguments: Iterable[tuple[Any, ...]], urgency: float = 0.0) -> list[T]:
+        """Results of a function of a module for several arguments, in their order; the more urgent begin first.
 
         Raises
         ------
         WorkerLostError
             If three workers in turn were killed over one of them, or the scheduler has gone.
         """
-        futures = [self._client.submit(on_worker, self._settings, function, *each, pure=False) for each in arguments]
+        given = [(self._settings, function, *each) for each in arguments]
+        futures = [self._client.submit(on_worker, *each, pure=False, priority=urgency) for each in given]
         try:
             return cast("list[T]", self._client.gather(futures))
         except LOST as error:

@@ -11,11 +11,11 @@ import xarray as xr
 
 from bella.arrivals import ArrivalGrid, arrival_grid
 from bella.catalogue import Series
-from bella.exceptions import BellaError, GeometryError, InputError, NoDataError
+from bella.exceptions import BellaError, ConvergenceError, GeometryError, InputError, NoDataError
 from bella.flags import NOT_COMPUTED
 from bella.multilateration.priors import apply_sigma_rule, find_preset
 from bella.pipeline.surroundings import Surroundings, footpoint_of, wind_of
-from bella.records import MeasuredWind
+from bella.records import MeasuredWind, Track
 from bella.settings import Settings
 from bella.spectra import power_above_background
 from bella.tracks import TrackFit, WindPrior, fit_track, measured_wind, track_record, with_joint_draws
@@ -72,10 +72,34 @@ class Timing:
     compared: bool = True
 
 
-def fitted_track(
-    posterior: xr.Dataset, timing: Timing, series: Series, settings: Settings, around: Surroundings
-) -> tuple[dict[str, Any], xr.Dataset]:
-    """Fit the track of a solution by every method.
+@dataclass(frozen=True)
+class Fitted:
+    """Joint and two-step fit of a solution: all that its answer, its grade and its flags rest on.
+
+    Attributes
+    ----------
+    posterior : xarray.Dataset
+        A solution of :func:`bella.multilateration.localise`.
+    grid : ArrivalGrid
+        Arrival times as the joint fit took them.
+    fit : TrackFit
+    track : Track
+        Without companions.
+    """
+
+    posterior: xr.Dataset
+    grid: ArrivalGrid
+    fit: TrackFit
+    track: Track
+
+    @property
+    def drawn(self) -> xr.Dataset:
+        """Posterior with the draws of the joint fit."""
+        return with_joint_draws(self.posterior, self.fit)
+
+
+def fitted_track(posterior: xr.Dataset, timing: Timing, series: Series, settings: Settings) -> Fitted:
+    """Fit the track of a solution, jointly and in two steps.
 
     Parameters
     ----------
@@ -84,47 +108,40 @@ def fitted_track(
     timing : Timing
     series : Series
     settings : Settings
-    around : Surroundings
-        Wind and Sun around the burst.
 
     Returns
     -------
-    track : dict
-        Ready for JSON: the two-step fit as :func:`bella.tracks.track_fit` returns it, with ``joint`` and
-        ``companions``.
-    posterior : xarray.Dataset
-        With the draws of the joint fit.
+    Fitted
     """
     table = timing.arrivals if timing.channels is None else timing.channels
     preset = find_preset(series.preset)
-    grid = apply_sigma_rule(arrival_grid(table, heard_by=1), preset)
+    grid = apply_sigma_rule(arrival_grid(table, received_by=1), preset)
     line = track_fit(posterior)
     model = TrackModel(rotation_period_d=line["rotation_period_d"], delay=preset.delay)
     fit = fit_track(grid, model, draws=max(settings.draws, FEWEST_DRAWS), seed=settings.seed)
-    record = track_record(fit, line, companions(posterior, timing, grid, fit, settings.seed, around))
-    return record.model_dump(mode="json"), with_joint_draws(posterior, fit)
+    track = track_record(fit, line, {}).model_copy(update={"companions_pending": True})
+    return Fitted(posterior, grid, fit, track)
 
 
-def companions(  # noqa: PLR0913, PLR0917
-    posterior: xr.Dataset, timing: Timing, grid: ArrivalGrid, fit: TrackFit, seed: int, around: Surroundings
-) -> dict[str, Any]:
+def companions(fitted: Fitted, timing: Timing, seed: int, around: Surroundings) -> dict[str, Any]:
     """Everything that stands beside the fits of a track; what cannot be computed says why, and stops nothing.
+
+    It takes several times as long as the fits, so a solution is published before it.
 
     Parameters
     ----------
-    posterior : xarray.Dataset
+    fitted : Fitted
     timing : Timing
-    grid : ArrivalGrid
-        Arrival times as the joint fit took them.
-    fit : TrackFit
     seed : int
     around : Surroundings
+        Wind and Sun around the burst.
 
     Returns
     -------
     dict
         Ready for JSON.
     """
+    posterior, grid, fit = fitted.posterior, fitted.grid, fitted.fit
     spirals = attempted(lambda: piecewise_fit(posterior))
     density = attempted(lambda: density_companion(posterior))
     scattering = attempted(lambda: scattering_companion(posterior, fit))
@@ -157,7 +174,7 @@ def attempted(compute: Callable[[], dict[str, Any]]) -> dict[str, Any]:
     """
     try:
         return compute()
-    except (GeometryError, InputError, NoDataError) as error:
+    except (ConvergenceError, GeometryError, InputError, NoDataError) as error:
         return {"flags": [NOT_COMPUTED], "reason": str(error)}
 
 
@@ -169,7 +186,7 @@ def burst_directions(spectra: Iterable[xr.Dataset], window: Window, band_mhz: tu
     spectra : iterable of xarray.Dataset
         Over their background.
     window : tuple of numpy.datetime64
-        When the burst was heard.
+        When the burst was received.
     band_mhz : tuple of float
         Lowest and highest frequency of the burst.
 

@@ -1,12 +1,14 @@
 """Watch over the mirror: recent days are processed as their files come, those first whose files came last.
 
-So a new file waits for no more than the days that are being processed, however many older ones are still to be done.
+A day whose files are newer than those of all days that are being processed is begun at once, and the workers prefer it:
+a new file waits for no more than the step that a worker is at, however many older days are still to be done.
 """
 
 import os
+import queue
 import time
 from collections.abc import Sequence
-from contextlib import closing
+from contextlib import closing, suppress
 from datetime import UTC, date, datetime, timedelta
 from pathlib import Path
 
@@ -15,16 +17,19 @@ import structlog
 from bella.archive import find_datasets
 from bella.catalogue import Catalogue
 from bella.exceptions import BellaError
-from bella.pipeline.day import DAY
+from bella.pipeline.day import DAY, known_bursts
 from bella.pipeline.day_files import ANSWERS, DayFiles, Mirror
 from bella.pipeline.outcome import FAILED, DayOutcome
-from bella.pipeline.run import Executor, Run, days_between, finished_before, process_days
+from bella.pipeline.run import Executor, Pending, Run, awaited, days_between, finished_before
 from bella.settings import Settings
 
 log = structlog.get_logger(__name__)
 
-LOOK_S, RETRY_S = 2.0, 60.0
+LOOK_S, RETRY_S = 1.0, 60.0
 """Between two looks at the mirror, and before a day that failed is tried again, s."""
+
+OVERTAKING = 2
+"""Days that are processed at a time for each worker, where newer files have come than those of others."""
 
 LATEST = timedelta(seconds=5)
 """So long after its time a watch may end; where work took longer, it goes on in place of the next one."""
@@ -54,22 +59,23 @@ def watch_days(run: Run, executor: Executor, until: datetime, every: timedelta) 
     """
     watch = Watch(run, executor)
     while True:
-        failure, is_busy = None, False
+        failure = None
         try:
-            is_busy = watch.step(datetime.now(UTC).date())
+            watch.step(datetime.now(UTC).date())
         except BellaError as error:
             if not error.retriable:
+                while watch.is_busy:
+                    watch.wait(LOOK_S)
                 raise
             failure = error
             log.warning("looks again", reason=str(error))
         while datetime.now(UTC) >= until + LATEST:
             until += every
-        if datetime.now(UTC) >= until:
+        if datetime.now(UTC) >= until and not watch.is_busy:
             if failure is not None:
                 raise failure
             return watch.outcomes
-        if not is_busy:
-            time.sleep(LOOK_S)
+        watch.wait(LOOK_S)
 
 
 class Watch:
@@ -88,22 +94,25 @@ class Watch:
         self._waiting: dict[date, DayFiles] = {}
         self._again: dict[date, float] = {}
         self._outcomes: dict[date, DayOutcome] = {}
+        self._running: dict[date, DayFiles] = {}
+        self._done: queue.SimpleQueue[tuple[date, Pending]] = queue.SimpleQueue()
 
     @property
     def outcomes(self) -> tuple[DayOutcome, ...]:
         """Last outcome of each day, in order."""
         return tuple(self._outcomes[day] for day in sorted(self._outcomes))
 
-    def step(self, today: date) -> bool:
-        """Look for new files, and process as many days as there are workers; false where none waits.
+    @property
+    def is_busy(self) -> bool:
+        """Whether days are being processed."""
+        return bool(self._running)
+
+    def step(self, today: date) -> None:
+        """Look for new files, and begin to process what may be begun.
 
         Parameters
         ----------
         today : datetime.date
-
-        Returns
-        -------
-        bool
 
         Raises
         ------
@@ -111,15 +120,31 @@ class Watch:
             If mirror or catalogue cannot be used.
         """
         self._look(today)
-        days = sorted(self._waiting, key=lambda day: (_came(self._waiting[day]), day))[-self._run.workers.number :]
-        if days:
-            done = process_days(sorted(days), None, self._run, self._executor)
-            for outcome in done.outcomes:
-                self._outcomes[outcome.day] = outcome
-                del self._waiting[outcome.day]
-                if outcome.state == FAILED:
-                    self._again[outcome.day] = time.monotonic() + RETRY_S
-        return bool(self._waiting)
+        waiting = sorted(self._waiting.values(), key=lambda files: (files.came_s, files.day), reverse=True)
+        for files in waiting:
+            if files.day not in self._running and self._may_begin(files):
+                self._begin(files)
+
+    def wait(self, time_s: float) -> None:
+        """Wait until a day is done, but no longer than this, and take note of its outcome."""
+        with suppress(queue.Empty):
+            day, pending = self._done.get(timeout=time_s)
+            del self._running[day]
+            self._outcomes[day] = awaited(day, pending)
+            if self._outcomes[day].state == FAILED:
+                self._again[day] = time.monotonic() + RETRY_S
+
+    def _may_begin(self, files: DayFiles) -> bool:
+        number, running = self._run.workers.number, self._running.values()
+        newer = sum(one.came_s >= files.came_s for one in running)
+        return newer < number and len(running) < OVERTAKING * number
+
+    def _begin(self, files: DayFiles) -> None:
+        with closing(Catalogue.open(self._run.settings.catalogue_url, create=True)) as catalogue:
+            known = known_bursts(catalogue, files.day, files.day)
+        self._running[files.day] = self._waiting.pop(files.day)
+        pending = self._executor.submit(files, known, self._run)
+        pending.add_done_callback(lambda _: self._done.put((files.day, pending)))
 
     def _look(self, today: date) -> None:
         """Take note of the days whose files are new, and of those that failed a while ago."""
@@ -167,8 +192,3 @@ def folder_times(days: Sequence[date], settings: Settings) -> dict[Path, int]:
         if root is not None:
             folders |= {Path(path) for path, _, _ in os.walk(root)}
     return {folder: folder.stat().st_mtime_ns for folder in folders if folder.is_dir()}
-
-
-def _came(files: DayFiles) -> float:
-    """When the newest file of a day came."""
-    return max((path.stat().st_ctime for path in files.paths), default=0.0)

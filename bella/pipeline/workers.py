@@ -5,12 +5,14 @@ and ends when the process that started it does.
 """
 
 import contextlib
+import itertools
 import multiprocessing
 import os
 import threading
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import Future, ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
+from importlib import import_module
 from multiprocessing.process import parent_process
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Self, TypeVar
@@ -25,6 +27,9 @@ if TYPE_CHECKING:
     from bella.pipeline.scheduler import Scheduler
 
 T = TypeVar("T")
+LATER_S = 1e10
+"""Is taken off the urgency of what can wait, s: more than all time since 1970."""
+
 ORPHANED = 3
 """Exit status of a worker whose parent has gone."""
 
@@ -70,8 +75,44 @@ def prepare(settings: Settings) -> None:
     extend_with(settings.ephemeris_extension)
 
 
+class Turns:
+    """Places to work at: each goes to the most urgent that waits, of equals to the first.
+
+    Parameters
+    ----------
+    number : int
+        Of places.
+    """
+
+    def __init__(self, number: int) -> None:
+        self._free = number
+        self._order = itertools.count()
+        self._waiting: list[tuple[float, int]] = []
+        self._changed = threading.Condition()
+
+    def take(self, urgency: float) -> None:
+        """Wait for a place."""
+        with self._changed:
+            own = (-urgency, next(self._order))
+            self._waiting.append(own)
+            try:
+                self._changed.wait_for(lambda: self._free > 0 and own == min(self._waiting))
+                self._free -= 1
+            finally:
+                self._waiting.remove(own)
+                self._changed.notify_all()
+
+    def give(self) -> None:
+        """Leave a place to others."""
+        with self._changed:
+            self._free += 1
+            self._changed.notify_all()
+
+
 class Workers:
     """A pool of processes; with one worker everything is computed in this process.
+
+    What is asked of them while all are busy waits, and the most urgent is begun first.
 
     Where settings name a dask scheduler, its workers compute instead, see :mod:`bella.pipeline.scheduler`.
 
@@ -90,6 +131,7 @@ class Workers:
         self._pool: ProcessPoolExecutor | None = None
         self._scheduler: Scheduler | None = None
         self._turn = threading.Lock()
+        self._turns = Turns(number)
 
     def __enter__(self) -> Self:
         return self
@@ -103,26 +145,62 @@ class Workers:
                 self._scheduler.close()
                 self._scheduler = None
 
-    def call(self, function: Callable[..., T], *arguments: Any) -> T:
+    def start(self) -> None:
+        """Let the processes begin to load what they need, so that the first who asks does not wait for that."""
+        if self.number > 1 and not self._given[0].dask:
+            self._processes().submit(os.getpid)
+
+    def call(self, function: Callable[..., T], *arguments: Any, urgency: float = 0.0) -> T:
         """Result of a function of a module, computed by a worker.
+
+        Parameters
+        ----------
+        function : callable
+        *arguments
+        urgency : float
+            The greater begins first.
 
         Raises
         ------
         WorkerLostError
             If the worker was killed; a later call starts others.
         """
-        (result,) = self.map(function, [arguments])
+        (result,) = self.map(function, [arguments], urgency)
         return result
 
-    def map(self, function: Callable[..., T], arguments: Iterable[tuple[Any, ...]]) -> list[T]:
+    def map(self, function: Callable[..., T], arguments: Iterable[tuple[Any, ...]], urgency: float = 0.0) -> list[T]:
         """Results of a function for several arguments, in their order; see :meth:`call`."""
         if self._given[0].dask:
-            return self._connected().map(function, arguments)
+            return self._connected().map(function, arguments, urgency)
         if self.number == 1:
-            return [function(*each) for each in arguments]
-        with self._started() as pool:
-            futures: list[Future[T]] = [pool.submit(function, *each) for each in arguments]
-            return [future.result() for future in futures]
+            return [self._here(function, each, urgency) for each in arguments]
+        given = [self._submitted(function, each, urgency) for each in arguments]
+        results = []
+        for pool, future in given:
+            with self._whole(pool):
+                results.append(future.result())
+        return results
+
+    def _here(self, function: Callable[..., T], arguments: tuple[Any, ...], urgency: float) -> T:
+        self._turns.take(urgency)
+        try:
+            return function(*arguments)
+        finally:
+            self._turns.give()
+
+    def _submitted(
+        self, function: Callable[..., T], arguments: tuple[Any, ...], urgency: float
+    ) -> "tuple[ProcessPoolExecutor, Future[T]]":
+        self._turns.take(urgency)
+        try:
+            pool = self._processes()
+            with self._whole(pool):
+                future = pool.submit(function, *arguments)
+        except BaseException:
+            self._turns.give()
+            raise
+        future.add_done_callback(lambda _: self._turns.give())
+        return pool, future
 
     def _connected(self) -> "Scheduler":
         from bella.pipeline.scheduler import Scheduler  # noqa: PLC0415 - an extra of its own
@@ -132,8 +210,7 @@ class Workers:
                 self._scheduler = Scheduler(self._given[0])
             return self._scheduler
 
-    @contextlib.contextmanager
-    def _started(self) -> Iterator[ProcessPoolExecutor]:
+    def _processes(self) -> ProcessPoolExecutor:
         with self._turn:
             if self._pool is None:
                 os.environ.update({**ONE_THREAD, **os.environ})  # the processes that are started have it too
@@ -141,9 +218,13 @@ class Workers:
                 self._pool = ProcessPoolExecutor(
                     self.number, mp_context=context, initializer=_begin, initargs=self._given
                 )
-            pool = self._pool
+            return self._pool
+
+    @contextlib.contextmanager
+    def _whole(self, pool: ProcessPoolExecutor) -> Iterator[None]:
+        """Give up a pool of which a process was killed: the next call starts another."""
         try:
-            yield pool
+            yield
         except BrokenProcessPool as error:
             with self._turn:
                 if self._pool is pool:
@@ -156,6 +237,7 @@ def _begin(settings: Settings, log: Path | None) -> None:
     threading.Thread(target=_end_with_parent, name="parent watch", daemon=True).start()
     prepare(settings)
     log_to(log)
+    import_module("bella.pipeline.run")
 
 
 def _end_with_parent() -> None:

@@ -91,6 +91,20 @@ def residual_figure(posterior: xr.Dataset) -> str:
     return figure("residuals", (WIDTH, HEIGHT), "Residuals of the arrival times of each spacecraft.", *parts)
 
 
+def evolution_caption() -> str:
+    """What the figure of distance and speed shows, for a file of its own."""
+    return (
+        "Distance of the source, and speed of the beam, against frequency. Points: positions with one standard "
+        "deviation. Bands: joint fit, 68 %. Grey: where the density of Leblanc et al. (1998) emits, fundamental drawn "
+        "out, harmonic dashed."
+    )
+
+
+def residual_caption() -> str:
+    """What the figure of the residuals shows, for a file of its own."""
+    return "Arrival times less those of the mean of the posterior, at each frequency and spacecraft."
+
+
 def _marks(places: FloatArray, index: int) -> Iterator[str]:
     """Markers of a spacecraft, so that colour is never the only difference."""
     sides = (0, 4, 3, 4, 3)[index % len(RESIDUAL_MARKS)]

@@ -7,14 +7,11 @@ on a page, and the same in a file that is kept.
 import base64
 import io
 import math
-import os
-import tempfile
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from functools import cache
 from html import escape
 from importlib import resources
-from pathlib import Path
 
 import numpy as np
 import numpy.typing as npt
@@ -107,39 +104,6 @@ def figure(name: str, size: tuple[float, float], title: str, *content: str, **at
         aria_labelledby=f"{name}-said",
         **attributes,
     )
-
-
-def write_figure(path: Path, drawn: str, caption: str) -> None:
-    """Write a figure as a file of its own, whole or not at all.
-
-    Parameters
-    ----------
-    path : Path
-        Its folder is made when it does not exist.
-    drawn : str
-    caption : str
-        Its description.
-    """
-    write_whole(path, as_file(drawn, caption))
-
-
-def write_whole(path: Path, text: str) -> None:
-    """Write a text beside the target, then rename: the file appears whole or not at all."""
-    path.parent.mkdir(parents=True, exist_ok=True)
-    handle, name = tempfile.mkstemp(suffix=path.suffix, prefix=f".{path.stem}-", dir=path.parent)
-    try:
-        with os.fdopen(handle, "w", encoding="utf-8") as file:
-            file.write(text)
-        Path(name).chmod(0o644)
-        Path(name).replace(path)
-    finally:
-        Path(name).unlink(missing_ok=True)
-
-
-def as_file(drawn: str, caption: str) -> str:
-    """A figure as a file of its own: with the style sheet, and the caption as its description."""
-    head, rest = drawn.split(">", 1)
-    return f"{head}>{element('desc', escape(caption))}<style>{figure_style()}</style>{rest}"
 
 
 @dataclass(frozen=True)

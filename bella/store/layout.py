@@ -104,7 +104,6 @@ def place_group(staged: Path, root: Path, name: str) -> str:
         raise taken
     try:
         target.parent.mkdir(parents=True, exist_ok=True)
-        os.utime(staged)
         staged.rename(target)
         for folder in (staged.parent, *target.parents):
             if folder.is_relative_to(root.resolve()):

@@ -174,22 +174,22 @@ def test_regions_need_a_frequency(client: TestClient, frequency: str) -> None:
 
 @pytest.mark.parametrize("name", ["constellation", "spectra"])
 def test_a_figure_that_is_known_is_not_sent_again(client: TestClient, name: str) -> None:
-    first = client.get(f"{BURST}/figures/{name}")
+    first = client.get(f"{BURST}/figures/{name}.svg")
     assert first.headers["content-type"] == "image/svg+xml"
-    again = client.get(f"{BURST}/figures/{name}", headers={"If-None-Match": first.headers["etag"]})
+    again = client.get(f"{BURST}/figures/{name}.svg", headers={"If-None-Match": first.headers["etag"]})
     assert (again.status_code, again.content) == (304, b"")
-    other = client.get(f"{BURST}/figures/{name}", headers={"If-None-Match": '"other"'})
+    other = client.get(f"{BURST}/figures/{name}.svg", headers={"If-None-Match": '"other"'})
     assert other.status_code == 200
 
 
 def test_a_burst_without_spectra_says_why_there_is_no_figure(client: TestClient) -> None:
-    reply = client.get("/api/v1/bursts/T3-20120608-1929/figures/spectra")
+    reply = client.get("/api/v1/bursts/T3-20120608-1929/figures/spectra.svg")
     assert reply.status_code == 404
     assert "no spectra" in reply.json()["detail"]
 
 
 @pytest.mark.parametrize(
-    "rest", ["", "/versions", "/track", "/posterior", "/regions?frequency_mhz=1", "/figures/spectra"]
+    "rest", ["", "/versions", "/track", "/posterior", "/regions?frequency_mhz=1", "/figures/spectra.svg"]
 )
 def test_an_unknown_burst_is_not_an_empty_list(client: TestClient, rest: str) -> None:
     reply = client.get(f"/api/v1/bursts/T3-19990101-0000{rest}")
@@ -204,7 +204,7 @@ def test_an_unknown_solution_of_a_known_burst_lists_what_there_is(client: TestCl
 
 
 def test_replies_are_compressed_for_those_who_ask(client: TestClient) -> None:
-    reply: httpx.Response = client.get(f"{BURST}/figures/constellation", headers={"Accept-Encoding": "gzip"})
+    reply: httpx.Response = client.get(f"{BURST}/figures/constellation.svg", headers={"Accept-Encoding": "gzip"})
     assert reply.headers["content-encoding"] == "gzip"
     assert int(reply.headers["content-length"]) < len(reply.content) / 2
 

@@ -100,6 +100,30 @@ def test_every_route_has_words_examples_and_errors(described: dict[str, Any]) ->
                 assert parameter["schema"].get("examples") or parameter.get("examples"), (path, parameter["name"])
 
 
+def test_links_between_operations_lead_somewhere(client: TestClient, described: dict[str, Any]) -> None:
+    known = {one["operationId"]: (path, method) for path, method, one in operations(described)}
+    followed, some = 0, client.get("/api/v1/solutions").json()["solutions"][0]["solution_id"]
+    for path, method, one in operations(described):
+        reply = next(reply for status, reply in one["responses"].items() if status.startswith("2"))
+        for link in reply.get("links", {}).values():
+            ((parameter, expression),) = link["parameters"].items()
+            target, target_method = known[link["operationId"]]
+            assert f"{{{parameter}}}" in target, (path, link)
+            if (method, target_method) != ("get", "get") or "days" in path or "arrivals/" in path:
+                continue
+            node = client.get(path.format(burst_id=BURST_ID, solution_id=some)).json()
+            for step in expression.removeprefix("$response.body#/").split("/"):
+                node = node[int(step) if step.isdigit() else step]
+            assert (
+                client.get(
+                    target.format(**{parameter: node}), params={"frequency_mhz": 1} if "regions" in target else {}
+                ).status_code
+                == 200
+            ), link
+            followed += 1
+    assert followed > 20
+
+
 def test_the_front_door_has_counts_and_links_that_lead_somewhere(client: TestClient) -> None:
     said = client.get("/api/v1").json()
     assert said["counts"] == {
@@ -123,10 +147,13 @@ def test_the_front_door_has_counts_and_links_that_lead_somewhere(client: TestCli
 def test_a_browser_is_shown_every_route_and_nothing_from_elsewhere(client: TestClient, path: str) -> None:
     reply = client.get(path, headers={"Accept": "text/html,application/xhtml+xml,*/*;q=0.8"})
     assert reply.headers["content-type"].startswith("text/html")
-    assert "Accept" in reply.headers["vary"]
+    assert "Accept" in reply.headers["vary"].split(", ")
     assert reply.headers["content-security-policy"] == CONTENT_SECURITY_POLICY
     for name in OPERATIONS:
         assert f'id="{name}"' in reply.text, name
+    brief = re.search(r'GET /api/v1/bursts</code> <span class="brief">([^<]+)</span>', reply.text)
+    assert brief
+    assert brief[1].startswith("Bursts")
     loaded = re.findall(r"<(?:script|link|img|iframe)[^>]*(?:src|href)=\"([^\"]+)", reply.text)
     assert loaded
     assert all(one.startswith("/") for one in loaded), loaded
@@ -140,6 +167,8 @@ def test_examples_on_the_page_can_be_tried(client: TestClient) -> None:
     for address in tried:
         if not address.endswith("/stream"):
             reply = client.get(address.replace("&amp;", "&"))
+            # not all is in the catalogue of this test, but every address is one of the service and asks rightly
             assert reply.status_code in {200, 404, 503}, (address, reply.text)
+            assert "there is nothing at this address" not in reply.text, address
             if BURST_ID in address and "default.2d" not in address:
                 assert reply.status_code == 200, address

@@ -1,10 +1,13 @@
 """Every list: HEAD says what GET sends, and who has it already gets 304 until it changes."""
 
+from datetime import UTC, date, datetime, timedelta
+from email.utils import format_datetime, parsedate_to_datetime
+
 import pytest
 from fastapi.testclient import TestClient
 
 from api.app import create_app
-from bella.catalogue import Catalogue
+from bella.catalogue import Catalogue, ListRead, SearchedDay
 from bella.settings import Settings
 from tests.api.published import publish_event
 from tests.plotting.synthetic import BURST_ID
@@ -63,6 +66,88 @@ def test_a_list_that_has_changed_is_sent_again(empty: Settings) -> None:
         with Catalogue.open(empty.catalogue_url) as catalogue:
             publish_event(empty, catalogue)
         assert reader.get("/api/v1/bursts", headers={"If-None-Match": tag}).status_code == 200
+
+
+CHANGING = [
+    "bursts",
+    "bursts?format=csv",
+    "bursts?format=csv&limit=all",
+    f"bursts/{BURST_ID}",
+    f"bursts/{BURST_ID}/track",
+    f"bursts/{BURST_ID}/track?format=csv",
+    f"bursts/{BURST_ID}/track?format=votable",
+    f"bursts/{BURST_ID}/posterior",
+    "tracks",
+    "localisations?format=csv",
+    "files",
+]
+
+
+@pytest.fixture
+def settled(monkeypatch: pytest.MonkeyPatch) -> None:
+    """As if everything had been published long ago by a service that runs for longer."""
+    monkeypatch.setattr("api.freshness.SETTLED", timedelta(days=-1))
+    monkeypatch.setattr("api.freshness.STARTED_UTC", datetime(2020, 1, 1, tzinfo=UTC))
+
+
+@pytest.mark.usefixtures("settled")
+@pytest.mark.parametrize("address", CHANGING)
+def test_who_has_it_since_its_last_change_is_told_so(client: TestClient, address: str) -> None:
+    address = f"/api/v1/{address}"
+    reply = client.get(address)
+    modified = reply.headers["last-modified"]
+    moment = parsedate_to_datetime(modified)
+    assert datetime.now(UTC) - timedelta(hours=2) < moment < datetime.now(UTC)
+    earlier, later = (format_datetime(moment + timedelta(seconds=one), usegmt=True) for one in (-1, 1))
+
+    def status(**headers: str) -> int:
+        return client.get(
+            address, headers={name.replace("_", "-"): value for name, value in headers.items()}
+        ).status_code
+
+    assert [status(if_modified_since=one) for one in (earlier, modified, later)] == [200, 304, 304]
+    assert [status(if_modified_since=one) for one in ("yesterday", "", "Thu, 99 Jan 2099 00:00:00 GMT")] == [200] * 3
+    assert status(if_none_match='"other"', if_modified_since=later) == 200, "the tag decides where one is given"
+    assert status(if_none_match=reply.headers["etag"], if_modified_since=earlier) == 304
+    again = client.head(address, headers={"If-Modified-Since": modified})
+    assert (again.status_code, again.headers["etag"]) == (304, reply.headers["etag"])
+
+
+@pytest.mark.usefixtures("settled")
+def test_nothing_is_older_than_the_software_that_writes_it(client: TestClient, monkeypatch: pytest.MonkeyPatch) -> None:
+    started = datetime.now(UTC).replace(microsecond=0)
+    monkeypatch.setattr("api.freshness.STARTED_UTC", started)
+    assert parsedate_to_datetime(client.get("/api/v1/bursts").headers["last-modified"]) == started
+
+
+@pytest.mark.usefixtures("settled")
+@pytest.mark.parametrize("query", ["", "&format=csv"])
+def test_detections_are_as_old_as_the_last_search(empty: Settings, query: str) -> None:
+    with Catalogue.open(empty.catalogue_url) as catalogue, TestClient(create_app(empty)) as reader:
+        before = datetime.now(UTC).replace(microsecond=0)
+        catalogue.record_day(SearchedDay(date(2012, 6, 7), "a" * 64, "0", ("WIND",)), [])
+        modified = reader.get(f"/api/v1/{DETECTIONS}{query}").headers["last-modified"]
+        assert before <= parsedate_to_datetime(modified) <= datetime.now(UTC)
+
+
+@pytest.mark.usefixtures("settled")
+def test_a_linked_event_changes_its_burst(empty: Settings) -> None:
+    with Catalogue.open(empty.catalogue_url) as catalogue, TestClient(create_app(empty)) as reader:
+        publish_event(empty, catalogue)
+        read_utc = datetime.now(UTC).replace(microsecond=0) + timedelta(seconds=5)
+        catalogue.events.replace(ListRead("goes.json", "read", "", 0, 0, "", None, None, read_utc, read_utc), [])
+        reply = reader.get(f"/api/v1/bursts/{BURST_ID}")
+        assert parsedate_to_datetime(reply.headers["last-modified"]) == read_utc
+
+
+def test_what_may_change_again_in_the_same_minute_has_no_date(client: TestClient) -> None:
+    assert "last-modified" not in client.get("/api/v1/bursts").headers
+
+
+def test_an_empty_catalogue_has_no_date(empty: Settings, settled: None) -> None:
+    with TestClient(create_app(empty)) as reader:
+        for path in ("bursts", "detections", "files"):
+            assert "last-modified" not in reader.get(f"/api/v1/{path}").headers
 
 
 def test_errors_and_what_is_written_have_no_tag(client: TestClient) -> None:

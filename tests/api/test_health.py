@@ -82,4 +82,13 @@ def test_security_headers_are_on_every_reply(client: TestClient, path: str) -> N
     headers = client.get(path).headers
     assert "script-src 'self'" in headers["content-security-policy"]
     assert "unsafe-eval" not in headers["content-security-policy"]
+    assert "frame-ancestors 'self'" in headers["content-security-policy"]
     assert headers["x-content-type-options"] == "nosniff"
+    assert headers["referrer-policy"] == "no-referrer"
+
+
+def test_scripts_of_other_sites_may_read_what_says_when_to_come_again(client: TestClient) -> None:
+    reply = client.get("/api/v1/bursts", headers={"Origin": "https://example.org"})
+    assert reply.headers["access-control-allow-origin"] == "*"
+    exposed = {name.strip() for name in reply.headers["access-control-expose-headers"].split(",")}
+    assert {"ETag", "Retry-After", "Content-Range", "Accept-Ranges", "Content-Length"} <= exposed

@@ -9,11 +9,12 @@ from fastapi.testclient import TestClient
 from api.app import create_app
 from bella.catalogue import Catalogue, SourceFile
 from bella.formats import BURSTS
+from bella.plotting.svg import figure
 from bella.records import Origin
 from bella.settings import Settings
 from tests.api.published import ONSET, published, settings_of, synthetic_burst
 from tests.api.test_pages import page
-from tests.catalogue.test_detections import DAY, heard
+from tests.catalogue.test_detections import DAY, received
 from tests.formats.reading import read_back
 from tests.plotting.synthetic import BURST_ID
 
@@ -32,8 +33,8 @@ def home(tmp_path_factory: pytest.TempPathFactory) -> Settings:
         for burst_id, origin in OTHERS.items():
             published(settings, catalogue, burst=replace(synthetic_burst(burst_id=burst_id), origin=origin))
         catalogue.retract("T3-20120607-2100", "timed on <interference>")
-        catalogue.record_day(DAY, [heard(3)])
-        catalogue.record_day(replace(DAY, origin=Origin.SIMULATED), [heard(5), heard(7)])
+        catalogue.record_day(DAY, [received(3)])
+        catalogue.record_day(replace(DAY, origin=Origin.SIMULATED), [received(5), received(7)])
         catalogue.record_day(replace(DAY, day=DAY.day.replace(day=25), origin=Origin.TEST), [])
     return settings
 
@@ -125,10 +126,20 @@ def test_figures_of_a_simulated_day_are_its_own(reader: TestClient, home: Settin
     for origin, text in ((Origin.ARCHIVE, "real"), (Origin.SIMULATED, "drawn")):
         path = home.day_figure(DAY.day, origin)
         path.parent.mkdir(parents=True, exist_ok=True)
-        path.write_text(f"<svg>{text}</svg>")
-    assert reader.get("/api/v1/days/2020-07-21/figure").text.endswith("real</svg>")
-    assert reader.get("/api/v1/days/2020-07-21/figure?origin=simulated").text.endswith("drawn</svg>")
-    assert reader.get("/api/v1/days/2020-07-21/figure?origin=test").status_code == 404
+        path.write_text(figure("day", (400, 100), text))
+    real = reader.get("/api/v1/days/2020-07-21/figure.svg").text
+    assert ">real</title>" in real
+    assert "SIMULATED" not in real
+    simulated = reader.get("/api/v1/days/2020-07-21/figure.svg?origin=simulated").text
+    assert ">drawn</title>" in simulated
+    assert "SIMULATED DATA" in simulated
+    assert reader.get("/api/v1/days/2020-07-21/figure.svg?origin=test").status_code == 404
+
+
+def test_a_kept_figure_of_a_retracted_burst_says_so(reader: TestClient) -> None:
+    kept = reader.get("/api/v1/bursts/T3-20120607-2100/figures/constellation.svg").text
+    assert "RETRACTED BURST" in kept
+    assert "Retracted burst: timed on &lt;interference&gt;." in kept
 
 
 def test_a_retracted_burst_is_a_tombstone_everywhere(reader: TestClient) -> None:
@@ -183,7 +194,7 @@ def test_every_solution_lists_its_source_files(reader: TestClient) -> None:
 def test_the_history_of_a_burst_tells_its_story(reader: TestClient) -> None:
     html = reader.get("/bursts/T3-20120607-2100", headers={"Accept": "text/html"}).text
     history = html[html.index('id="history"') : html.index("</ol>")]
-    assert history.index("preliminary") < history.index("retraction")
+    assert history.index("<strong>first answer</strong> (final)") < history.index("<strong>retracted</strong>: ")
     assert "timed on &lt;interference&gt;" in history
     both = reader.get(f"/bursts/{BURST_ID}", headers={"Accept": "text/html"}).text
-    assert both.index("<strong>preliminary</strong>") < both.index("<strong>update</strong>")
+    assert both.index("<strong>first answer</strong>") < both.index("<strong>new answer</strong>")

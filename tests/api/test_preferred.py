@@ -127,7 +127,7 @@ def test_replies_say_which_one_is_preferred_and_who_chose_it(reader: TestClient,
     ],
 )
 def test_series_that_does_not_exist_is_said_not_to_exist(reader: TestClient, query: dict[str, str]) -> None:
-    parts = ("track", "posterior", "figures/constellation", "figures/spectra", "regions?frequency_mhz=0.3")
+    parts = ("track", "posterior", "figures/constellation.svg", "figures/spectra.svg", "regions?frequency_mhz=0.3")
     for path in (f"/bursts/{BURST_ID}", *(f"{BURST}/{part}" for part in parts)):
         reply = reader.get(path, params={**query, **({"frequency_mhz": "0.3"} if "regions" in path else {})})
         assert reply.status_code == 404, path

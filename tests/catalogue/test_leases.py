@@ -176,6 +176,16 @@ def test_a_run_that_lost_its_lease_notices_and_publishes_nothing(catalogue: Cata
     assert catalogue.searched_day(date(2021, 2, 1)) is None
 
 
+def test_a_run_that_lost_its_lease_adds_nothing_to_what_is_published(catalogue: Catalogue) -> None:
+    known = {"two_step": {}, "companions": {}, "companions_pending": True}
+    name = catalogue.publish(publication(track_fit=known)).solution_id
+    with catalogue.lease("localise", "T3-1", "slow", 60.0) as lease:
+        change(catalogue, token="of a rival")
+        with pytest.raises(BusyError, match="taken over by another run"):
+            catalogue.add_companions(name, {"semp": {}}, lease)
+    assert catalogue.track_fit(name) == known
+
+
 def test_a_run_that_holds_its_lease_publishes(catalogue: Catalogue) -> None:
     with catalogue.lease("localise", "T3-1", "run", 60.0) as lease:
         catalogue.publish(publication(), lease)

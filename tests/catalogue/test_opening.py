@@ -114,6 +114,19 @@ def test_a_damaged_file_is_refused_and_not_touched(sqlite_url: str, tmp_path: Pa
     assert file.read_bytes() == before
 
 
+def test_damage_inside_is_found_by_the_next_process(
+    sqlite_url: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    with Catalogue.open(sqlite_url, create=True) as catalogue:
+        catalogue.publish(publication())
+    pages = (tmp_path / "catalogue.sqlite").stat().st_size // 4096
+    damage(tmp_path / "catalogue.sqlite", slice(4096 * (pages - 1), 4096 * pages))
+    Catalogue.open(sqlite_url).close()  # this process has checked the file already
+    monkeypatch.setattr("bella.catalogue.schema._SOUND_FILES", set())
+    with pytest.raises(StoreError, match="is damaged"):
+        Catalogue.open(sqlite_url)
+
+
 def test_a_truncated_file_is_refused(sqlite_url: str, tmp_path: Path) -> None:
     with Catalogue.open(sqlite_url, create=True) as catalogue:
         catalogue.publish(publication())

@@ -10,7 +10,7 @@ from sqlalchemy import text
 from bella.catalogue import BurstQuery, Catalogue, Publication, Series, SourceFile
 from bella.catalogue.engine import reading
 from bella.exceptions import InputError, NoDataError, StoreError
-from tests.catalogue.examples import SERIES, SPECTRUM, START, burst, localisation, publication
+from tests.catalogue.examples import SERIES, SPECTRUM, START, burst, fitted, localisation, publication
 
 
 def counts(catalogue: Catalogue) -> dict[str, int]:
@@ -35,6 +35,25 @@ def test_everything_comes_back_as_it_was_published(catalogue: Catalogue) -> None
     assert catalogue.sources(solution.solution_id) == (SPECTRUM,)
     assert catalogue.burst("T3-20120607-1929").burst == burst()
     assert catalogue.referenced_paths() == {given.store_path}
+
+
+def test_companions_are_added_once_and_nothing_else_of_a_solution_changes(catalogue: Catalogue) -> None:
+    track = fitted().model_copy(update={"companions_pending": True})
+    first = catalogue.publish(publication(track_fit=track))
+    before, known = datetime.now(UTC), catalogue.track_fit(first.solution_id)
+    assert catalogue.bursts(BurstQuery(updated_since=before)).bursts == ()
+    beside = {"semp": {"flags": [], "rms_s": np.float64(nan)}}
+    later = known | {"companions": {"semp": {"flags": [], "rms_s": None}}, "companions_pending": False}
+    with catalogue.lease("localise", first.burst_id, "mine", 60.0) as held:
+        assert catalogue.add_companions(first.solution_id, beside, held) == later
+    assert catalogue.track_fit(first.solution_id) == later
+    assert catalogue.add_companions(first.solution_id, {"semp": {"flags": ["other"]}}) == later
+    assert catalogue.track_fit(first.solution_id) == later
+    assert catalogue.solution(first.solution_id) == first
+    assert len(catalogue.alerts()) == 1, "the answer is the same"
+    assert [one.burst.burst_id for one in catalogue.bursts(BurstQuery(updated_since=before)).bursts] == [first.burst_id]
+    with pytest.raises(NoDataError):
+        catalogue.add_companions(f"{first.solution_id}9", beside)
 
 
 def test_the_same_inputs_and_code_change_nothing(catalogue: Catalogue) -> None:

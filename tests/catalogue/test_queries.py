@@ -2,14 +2,14 @@ import uuid
 from collections.abc import Callable, Iterator
 from datetime import UTC, datetime, timedelta
 from itertools import count
-from typing import Any
+from typing import Any, Literal
 
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from sqlalchemy import Connection, event
 
-from bella.catalogue import BurstQuery, Catalogue, Series
+from bella.catalogue import BurstQuery, Catalogue, ListRead, SearchedDay, Series
 from bella.exceptions import InputError
 from tests.catalogue.examples import SERIES, START, burst, fitted, localisation, publication
 
@@ -25,10 +25,10 @@ def ids(catalogue: Catalogue, query: BurstQuery) -> list[str]:
 @pytest.fixture
 def three(catalogue: Catalogue) -> Catalogue:
     """Bursts A, B, C, an hour apart; only B was received by all, and the flags of A and C differ."""
-    heard = {"A": ("WIND", "STEREO-A"), "B": ("WIND", "STEREO-A", "STEREO-B"), "C": ("STEREO-B", "WIND")}
+    received = {"A": ("WIND", "STEREO-A"), "B": ("WIND", "STEREO-A", "STEREO-B"), "C": ("STEREO-B", "WIND")}
     flags = {"A": ("two_modes",), "B": (), "C": ("two_modes", "outside_prior")}
-    for hours, name in enumerate(heard):
-        own = burst(name, START + timedelta(hours=hours), observatories=heard[name])
+    for hours, name in enumerate(received):
+        own = burst(name, START + timedelta(hours=hours), observatories=received[name])
         catalogue.publish(publication(of=own, flags=flags[name]))
     return catalogue
 
@@ -334,3 +334,40 @@ def test_filters_and_orders_are_read_with_indexes(sqlite_url: str) -> None:
         plans.clear()
         opened.bursts(BurstQuery(sort="-start", start=START))
         assert any("ix_burst_start_utc_burst_id" in one for one in plans)
+
+
+def test_the_state_of_a_list_changes_with_each_of_its_bursts(three: Catalogue) -> None:
+    all_of_them, first = BurstQuery(), BurstQuery(stop=START + timedelta(minutes=1))
+    before = three.state_of(all_of_them), three.state_of(first)
+    assert len({*before, three.state_of(BurstQuery(sort="-start"))}) == 3
+    assert three.state_of(BurstQuery(limit=1)) == before[0]
+    three.retract("C", "interference")
+    after = three.state_of(all_of_them), three.state_of(first)
+    assert (after[0] != before[0], after[1] == before[1]) == (True, True)
+    three.publish(publication(of=burst("A", START), inputs_hash="other"))
+    assert three.state_of(first) != before[1]
+
+
+def test_the_last_change_is_that_of_the_newest(catalogue: Catalogue) -> None:
+    kinds: tuple[Literal["bursts", "days", "files", "events"], ...] = ("bursts", "days", "files", "events")
+    assert [catalogue.changed_utc(one) for one in kinds] == [None] * 4
+    before = datetime.now(UTC)
+    catalogue.publish(publication(of=burst("B", START + timedelta(hours=1))))
+    first = catalogue.changed_utc("bursts")
+    catalogue.publish(publication(of=burst("A", START)))
+    second = catalogue.changed_utc("bursts")
+    assert first
+    assert second
+    assert before <= first < second <= datetime.now(UTC)
+    files = catalogue.changed_utc("files")
+    assert files
+    assert before <= files <= second
+    catalogue.record_day(SearchedDay(START.date(), "a" * 64, "0", ("WIND",)), [])
+    days = catalogue.changed_utc("days")
+    assert days
+    assert second <= days
+    read = ListRead("a", "read", "", 0, 0, "", None, None, START, START + timedelta(days=1))
+    catalogue.events.note(read)
+    assert catalogue.changed_utc("events") == read.read_utc
+    catalogue.events.note_linked(START + timedelta(days=2))
+    assert catalogue.changed_utc("events") == START + timedelta(days=2)

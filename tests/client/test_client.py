@@ -59,6 +59,16 @@ def test_tables_of_one_burst(address: str) -> None:
     assert len(service.localisations()) > len(service.tracks()) == 3
 
 
+def test_events_come_with_the_bursts_that_they_are_near_to(address: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(client, "PAGE_ROWS", 1)
+    found = Client(address).events("2012-06-07", "2012-06-08")
+    assert found["event_id"].tolist() == ["DONKI:F", "DONKI:C"]
+    assert found["burst_id"].tolist() == [BURST_ID, ""]
+    assert found["delay_s"][0] == -120 * u.s
+    assert found["longitude_deg"].unit == u.deg
+    assert Client(address).events(kind="cme", linked=False)["event_id"].tolist() == ["DONKI:C"]
+
+
 def test_arrival_times_of_a_service_can_be_localised_at_once(address: str) -> None:
     arrivals = Client(address).arrivals(BURST_ID)
     found = bella.localise(

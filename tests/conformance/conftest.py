@@ -10,6 +10,7 @@ from bella.catalogue import Catalogue, Detection, ObservedDay, ReceiverDay, Sear
 from bella.records import DayAnswer
 from bella.settings import Settings
 from tests.api.published import ONSET, publish_event, publish_many, served, settings_of
+from tests.linked_events.published import link_flare
 from tests.plotting.synthetic import BURST_ID
 
 HEARD = Detection(
@@ -46,6 +47,7 @@ def filled(tmp_path_factory: pytest.TempPathFactory) -> Settings:
         wind = ReceiverDay(observatory="WIND", fraction=(0.5,) * 24)
         observed = ObservedDay(day=ONSET.date(), distances_rsun=(), longitudes_deg=(), receivers=(wind,), maps=())
         catalogue.operation.record_observed(observed, "h")
+        link_flare(catalogue, BURST_ID, ONSET)
         hour = timedelta(hours=1)
         published_utc = ONSET + 90 * hour
         times = SolutionTimes(ONSET + hour, published_utc - 3 * hour, published_utc - 2 * hour, None, published_utc)

@@ -16,20 +16,24 @@ import schemathesis
 from fastapi import FastAPI
 from fastapi.testclient import TestClient
 from hypothesis import HealthCheck, Phase, given, settings
-from schemathesis.specs.openapi.checks import positive_data_acceptance
+from hypothesis.stateful import run_state_machine_as_test
+from schemathesis.specs.openapi.checks import negative_data_rejection, positive_data_acceptance
 
 from api.app import create_app
 from bella.catalogue import Catalogue
 from bella.records import Origin
 from tests.api.published import publish_event, publish_many, published, settings_of, synthetic_burst
 from tests.api.test_description import OPERATIONS
-from tests.catalogue.test_detections import DAY, heard
+from tests.catalogue.test_detections import DAY, received
 from tests.plotting.synthetic import BURST_ID
 
 CASES = int(os.environ.get("BELLA_API_CASES", "8"))
 WITHOUT_AN_END = {"alerts_stream"}
 NOT_SAID = [positive_data_acceptance]
 """That a start is before its stop, or a cursor one of ours, no schema can say."""
+
+LENIENT = negative_data_rejection
+"""A parameter that is empty, as in the query of a form, counts as left out."""
 
 QUIET = settings(
     max_examples=CASES,
@@ -52,7 +56,7 @@ def app(tmp_path_factory: pytest.TempPathFactory) -> FastAPI:
         publish_many(known, catalogue, 3)
         published(known, catalogue, burst=replace(synthetic_burst(burst_id="SIM-1"), origin=Origin.SIMULATED))
         catalogue.retract("T3-20120608-1929", "timed on interference")
-        catalogue.record_day(DAY, [heard(3), replace(heard(7), tier="rejected", burst_id="")])
+        catalogue.record_day(DAY, [received(3), replace(received(7), tier="rejected", burst_id="")])
     return create_app(known)
 
 
@@ -96,6 +100,27 @@ def test_every_reply_is_one_that_is_described(app: FastAPI, operations: dict[str
 
     ask()
     assert seen.total() > 0
+
+
+def test_replies_lead_from_operation_to_operation(app: FastAPI, schema: Any) -> None:
+    """Walks along the links of the description, with values of earlier replies: from list to burst to track."""
+    steps = Counter[tuple[str, str]]()
+
+    class Walk(schema.exclude(operation_id=sorted(WITHOUT_AN_END)).as_state_machine()):  # type: ignore[misc]
+        def validate_response(self, response: Any, case: Any, **_: Any) -> None:
+            case.validate_response(response, excluded_checks=[*NOT_SAID, LENIENT])
+            steps[case.operation.definition.raw["operationId"], str(response.status_code)] += 1
+
+    run_state_machine_as_test(Walk, settings=settings(QUIET, stateful_step_count=8, max_examples=CASES))
+    led = {name for name, status in steps if status == "200"} & {
+        "burst",
+        "track",
+        "versions",
+        "burst_events",
+        "solution",
+        "day",
+    }
+    assert led, "values of replies were used"
 
 
 def test_links_of_replies_are_followed(app: FastAPI) -> None:

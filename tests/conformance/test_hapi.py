@@ -330,3 +330,12 @@ def test_latency_says_how_long_each_solution_took(address: str) -> None:
     hours = {step: float(one[f"{step}_to_published_s"]) / 3600 for step in ("data", "seen", "fetched")}
     assert hours == {"data": 89.0, "seen": 3.0, "fetched": 2.0}
     assert (one["detected_utc"], one["detected_to_published_s"]) == ("0001-01-01T00:00:00.000000Z", "NaN")
+
+
+def test_events_come_with_the_burst_that_they_are_near_to(address: str) -> None:
+    flare, cme = records(address, "events")
+    assert (flare["event_id"], flare["burst_id"], float(flare["delay_s"])) == ("DONKI:F", BURST_ID, -120.0)
+    assert (cme["event_id"], cme["burst_id"], cme["delay_s"]) == ("DONKI:C", "-", "NaN")
+    assert flare["Time"] == flare["start_utc"] == "2012-06-07T19:27:15.000000Z"
+    later = {"start": "2012-06-07T19:30Z", "stop": "2012-06-08Z", "parameters": "event_id"}
+    assert [one[1] for one in rows(asked(address, "data", dataset="events", **later)[1])] == ["DONKI:C"]

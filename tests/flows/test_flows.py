@@ -1,6 +1,10 @@
 """Prefect's part: which deployments there are, one run of each at a time, and errors in one line."""
 
+import os
+import subprocess
+import sys
 from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
 from typing import Any
 
 import httpx
@@ -35,6 +39,14 @@ def test_every_deployment_runs_once_at_a_time_and_missed_runs_are_one() -> None:
         assert schedule.schedule.interval.total_seconds() == serve.intervals_s(settings)[name]
     assert serve.intervals_s(settings)["submissions"] == 7.0
     assert serve.intervals_s(settings)["days"] == 11.0
+
+
+def test_runs_of_a_worker_that_was_killed_are_ended_and_no_others(tmp_path: Path) -> None:
+    environment = {"PATH": os.environ["PATH"], "HOME": str(tmp_path), "BELLA_HOME": str(tmp_path / "home")}
+    code = [sys.executable, "-m", "tests.flows.dead_runs"]
+    done = subprocess.run(code, env=environment, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    assert done.stdout.splitlines()[-2:] == ["submissions: CRASHED its worker was killed", "ingest: RUNNING None"]
 
 
 def test_a_deployment_that_is_not_there_is_refused() -> None:

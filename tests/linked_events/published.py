@@ -1,7 +1,11 @@
 """Lists as their publishers write them, cut to a few rows around the burst of 2012-06-07."""
 
 import json
+from datetime import datetime, timedelta
 from typing import Any
+
+from bella.catalogue import Catalogue, ListRead
+from bella.linked_events import Event, Link
 
 SWPC = """\
 :Product: 20120607events.txt
@@ -140,3 +144,13 @@ FILES = {
     "SEP-2012.json": json.dumps(DONKI_PARTICLES),
     "type3.tfcat": json.dumps(TFCAT),
 }
+
+
+def link_flare(catalogue: Catalogue, burst_id: str, near: datetime) -> None:
+    """Publish a flare two minutes before a burst, linked to it, and a CME an hour later that is linked to nothing."""
+    before, after = near - timedelta(minutes=2), near + timedelta(hours=1)
+    flare = Event("DONKI:F", "flare", "DONKI", "F", "EARTH", before, before, size="C3.4", longitude_deg=62.0)
+    cme = Event("DONKI:C", "cme", "DONKI", "C", "EARTH", after, after)
+    held = ListRead("list.json", "read", "a" * 64, 2, 0, "", flare.start_utc, cme.start_utc, near, near)
+    catalogue.events.replace(held, [flare, cme])
+    catalogue.events.link(burst_id, [Link(flare, -120.0)])

@@ -10,13 +10,13 @@ import pytest
 from bella.arrivals import locate_receivers
 from bella.catalogue import Series
 from bella.multilateration import localise
-from bella.pipeline.day import FoundDay, search_day
+from bella.pipeline.day import FoundDay, search_day, timed_burst
 from bella.pipeline.inputs import BurstInput
 from bella.pipeline.surroundings import surroundings_of
-from bella.pipeline.tracks import Timing, fitted_track
+from bella.pipeline.tracks import Timing
 from bella.settings import Settings
 from bella.simulation.archive_days import simulate_days
-from tests.pipeline.examples import files_of
+from tests.pipeline.examples import files_of, whole_track
 
 DAY, SEED = date(2012, 6, 5), 1
 PHI0_DEG = -79.2
@@ -35,8 +35,8 @@ def found(tmp_path_factory: pytest.TempPathFactory) -> FoundDay:
 
 @pytest.fixture(scope="module")
 def given(found: FoundDay) -> BurstInput:
-    (burst,) = [one.given for one in found.bursts if one.given and one.given.burst.start_utc.hour == 16]
-    return burst
+    (burst,) = [one for one in found.bursts if one.edges and one.found.start_utc.hour == 16]
+    return timed_burst(found.files, burst)
 
 
 def beside(given: BurstInput, directions: pd.DataFrame | None) -> dict[str, Any]:
@@ -45,7 +45,7 @@ def beside(given: BurstInput, directions: pd.DataFrame | None) -> dict[str, Any]
     posterior = localise(arrivals, draws=50)
     timing = Timing(arrivals, locate_receivers(given.channel_arrivals[EDGE]), directions)
     around = surroundings_of(given.burst.start_utc, settings)
-    return fitted_track(posterior, timing, Series(EDGE, "posterior", "default", 2), settings, around)[0]
+    return whole_track(posterior, timing, Series(EDGE, "posterior", "default", 2), settings, around)[0]
 
 
 @pytest.fixture(scope="module")

@@ -24,6 +24,7 @@ from bella.pipeline.run import Direct, Run, process_days, process_submissions
 from bella.pipeline.workers import Workers
 from bella.settings import Settings
 from tests.archive.server import cdf
+from tests.pipeline.disks import small_disk_at
 
 DAY = date(2012, 6, 7)
 SIZE_BYTES = 24_000_000
@@ -31,16 +32,8 @@ SIZE_BYTES = 24_000_000
 
 @pytest.fixture
 def small_disk(tmp_path: Path) -> Iterator[Path]:
-    """A file system of its own that is soon full; making one needs root."""
-    place = tmp_path / "disk"
-    place.mkdir()
-    made = subprocess.run(
-        ["mount", "-t", "tmpfs", "-o", f"size={SIZE_BYTES}", "tmpfs", place], capture_output=True, check=False
-    )
-    if made.returncode:
-        pytest.skip(f"no small file system can be mounted: {made.stderr.decode().strip()}")
-    yield place
-    subprocess.run(["umount", "-l", place], check=True)
+    with small_disk_at(tmp_path / "disk", SIZE_BYTES) as place:
+        yield place
 
 
 def remount(place: Path, option: str) -> None:

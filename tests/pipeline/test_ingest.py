@@ -1,5 +1,6 @@
 """Ingest against real servers on the loopback: what is due is asked for, an outage takes nothing away."""
 
+import json
 import os
 import signal
 import socket
@@ -8,20 +9,22 @@ from collections.abc import Iterator
 from contextlib import ExitStack, closing
 from datetime import UTC, date, datetime, timedelta
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 from typer.testing import CliRunner
 
-from bella.archive import Received, find_datasets, received, set_aside, versions
-from bella.catalogue import Catalogue, Freshness
+from bella.archive import Received, find_datasets, open_archive, received, set_aside, versions
+from bella.catalogue import Catalogue, EventQuery, Freshness
 from bella.cli import app
 from bella.exceptions import InputError
 from bella.pipeline.ingest import EPHEMERIS, bring_up_to_date, pause
+from bella.pipeline.linked_events import refresh_events
 from bella.settings import Settings
 from bella.spacecraft.ephemeris import read_nodes
 from bella.spacecraft.horizons import HORIZONS_IDS
-from tests.archive.server import Server, cdf, path_of, status, visible
+from tests.archive.server import Server, body, cdf, cut_after, path_of, status, visible, whole_without_length
 from tests.commands import BELLA
 from tests.spacecraft.horizons_server import horizons, vectors
 from tests.waiting import PATIENCE_S, until
@@ -258,3 +261,122 @@ def test_bad_input_is_one_line(tmp_path: Path, options: list[str], variables: di
     assert isinstance(done.exception, InputError)
     assert said in str(done.exception)
     assert not (tmp_path / "home").exists()
+
+
+DONKI = {
+    "FLR": {
+        "flrID": "2026-11-27T10:00:00-FLR-001",
+        "beginTime": "2026-11-27T10:00Z",
+        "classType": "M1.0",
+        "sourceLocation": "N10W20",
+    },
+    "CME": {"activityID": "2026-11-27T11:00:00-CME-001", "startTime": "2026-11-27T11:00Z"},
+    "SEP": {"sepID": "2026-11-27T12:00:00-SEP-001", "eventTime": "2026-11-27T12:00Z", "instruments": []},
+}
+NOVEMBER = "startDate=2026-11-01&endDate=2026-11-30"
+GOES = "json/goes/primary/xray-flares-7-day.json"
+FLARES = f"DONKI/WS/get/FLR?{NOVEMBER}"
+
+
+@pytest.fixture
+def with_events(world: World) -> World:
+    """The archive answers as DONKI and as SWPC, too."""
+    lists = world.settings.home / "lists"
+    more = {"events": lists, "donki_archive": world.archive.url, "swpc_archive": f"{world.archive.url}/"}
+    world.settings = world.settings.model_copy(update=more)
+    for kind, row in DONKI.items():
+        world.archive.put(f"DONKI/WS/get/{kind}?{NOVEMBER}", json.dumps([row]).encode())
+    flare = {
+        "begin_time": "2026-11-28T09:00:00Z",
+        "max_time": "2026-11-28T09:10:00Z",
+        "max_class": "C2.0",
+        "satellite": 18,
+    }
+    world.archive.put(GOES, json.dumps([flare]).encode())
+    world.archive.put("json/edited_events.json", b"[]")
+    return world
+
+
+def events_of(world: World) -> set[str]:
+    refresh_events(world.settings, NOW)
+    with closing(Catalogue.open(world.settings.catalogue_url)) as catalogue:
+        return {one.event.event_id for one in catalogue.events.events(EventQuery()).events}
+
+
+def test_events_of_donki_and_swpc_are_fetched_and_read(with_events: World) -> None:
+    world = with_events
+    bring_up_to_date(world.settings, NOW)
+    lists = world.settings.events
+    assert lists
+    assert {one.name for one in lists.iterdir() if not one.name.startswith(".")} == {
+        "edited_events.json",
+        "xray-flares-7-day.json",
+        *(f"DONKI-{kind}-20261101.json" for kind in DONKI),
+    }
+    found = events_of(world)
+    assert {one.partition(":")[0] for one in found} == {"DONKI", "GOES"}
+    assert len(found) == 4
+    known = world.freshness()
+    assert {known[f"DONKI_{kind}"].state for kind in DONKI} == {known["GOES_FLARES"].state} == {"ok"}
+    assert known["DONKI_FLR"].next_utc == NOW + HOUR
+    bring_up_to_date(world.settings, NOW + 1.1 * HOUR)
+    first, again = world.archive.asked_for(FLARES)
+    assert "If-None-Match" in again
+    assert "If-None-Match" not in first
+
+
+def test_a_month_that_is_over_is_asked_for_more_and_more_seldom(with_events: World) -> None:
+    world = with_events
+    december = datetime(2026, 12, 2, 12, tzinfo=UTC)
+    present = FLARES.replace(NOVEMBER, "startDate=2026-12-01&endDate=2026-12-31")
+    world.archive.put(present, b"[]")
+    asked = []
+    for hours in (0, 2, 4, 47, 49):
+        bring_up_to_date(world.settings, december + hours * HOUR)
+        asked.append((len(world.archive.asked_for(present)), len(world.archive.asked_for(FLARES))))
+    assert asked == [(1, 1), (2, 2), (3, 3), (4, 4), (5, 4)]
+
+
+@pytest.mark.parametrize(
+    "fault",
+    [
+        status(404),
+        status(403),
+        body(b"<html>maintenance</html>"),
+        body(b""),
+        whole_without_length(b'[{"flrID": "2026-11-27T10:00'),
+        cut_after(20),
+    ],
+    ids=["not there", "forbidden", "a page", "nothing", "a part", "cut"],
+)
+def test_a_service_that_fails_takes_no_event_away(with_events: World, fault: Any) -> None:
+    world = with_events
+    bring_up_to_date(world.settings, NOW)
+    before = events_of(world)
+    world.archive.put(FLARES, json.dumps([DONKI["FLR"], DONKI["FLR"] | {"flrID": "other"}]).encode())
+    world.archive.faults[FLARES] = [fault] * 9
+    bring_up_to_date(world.settings, NOW + 2 * HOUR)
+    known = world.freshness()["DONKI_FLR"]
+    assert (known.state, known.silent_since_utc) == ("silent", NOW + 2 * HOUR)
+    assert world.freshness()["DONKI_CME"].state == "ok"
+    assert events_of(world) == before
+    world.archive.faults.clear()
+    bring_up_to_date(world.settings, NOW + 3 * HOUR)
+    assert len(events_of(world)) == len(before) + 1
+
+
+def test_services_without_an_address_are_not_asked(with_events: World) -> None:
+    world = with_events
+    world.settings = world.settings.model_copy(update={"donki_archive": "", "swpc_archive": ""})
+    bring_up_to_date(world.settings, NOW)
+    assert not {one for one in world.freshness() if one.startswith(("DONKI", "GOES", "SWPC"))}
+    assert not any("DONKI" in path or path.startswith("json") for path, _ in world.archive.asked)
+
+
+def test_a_month_of_events_is_fetched_by_its_day(with_events: World, tmp_path: Path) -> None:
+    (flares,) = find_datasets(["DONKI_FLR"])
+    with_events.archive.put(FLARES.replace("2026-11-", "2012-06-"), b"[]")
+    done = open_archive(with_events.archive.url, interval_s=0.001).fetch(flares, date(2012, 6, 7), tmp_path)
+    assert [one.path for one in done.files] == [tmp_path / "DONKI-FLR-20120601.json"]
+    assert (done.state, done.complete) == ("fetched", True)
+    assert [flares.span(date(2024, month, 9))[1].day for month in (2, 12)] == [29, 31]

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from bella.archive import COMPANIONS
+from bella.archive import find_datasets
 from bella.catalogue import Catalogue, EventQuery, ListRead
 from bella.exceptions import InputError
 from bella.pipeline.ingest import feeds
@@ -159,6 +159,11 @@ def test_a_release_that_is_not_known_well_says_less_than_the_emission(settings: 
             published(settings, catalogue, inputs_hash=f"{sd}", frequencies=FEW, track_fit=track)
             summary = catalogue.burst(BURST_ID)
             assert f"{released(catalogue, summary):%H:%M}".startswith(expected)
+            emitted = {
+                one.frequency_mhz: one.emission_utc for one in catalogue.localisations(summary.solutions[0].solution_id)
+            }
+            assert emitted[0.25] != emitted[0.5]
+            assert (released(catalogue, summary) == emitted[0.5]) == (sd > 300.0)
             without = replace(summary, solutions=())
             light_s = (ONSET - released(catalogue, without)).total_seconds()
         assert light_s == pytest.approx(0.9604 * 499.005, abs=2.0)  # to STEREO-A, the nearest
@@ -269,7 +274,7 @@ def test_a_folder_that_is_not_there_is_named(folder: Callable[[Path], Path | Non
 def test_the_fetcher_brings_the_daily_flares_of_noaa(tmp_path: Path) -> None:
     settings = Settings(home=tmp_path, database_url=None, events=tmp_path / "lists", recent_days=5)
     day = datetime(2012, 6, 7, tzinfo=UTC).date()
-    (flares,) = (one for one in COMPANIONS if one.kind == "events")
+    (flares,) = find_datasets(["NOAA_EVENTS"])
     (feed,) = (one for one in feeds(settings, day) if one.datasets == (flares,))
     assert (feed.root, feed.target) == (settings.regions_archive, tmp_path / "lists")
     assert flares.folders(day) == ("stp/space-weather/swpc-products/daily_reports/solar_event_reports/2012/06",)

@@ -20,7 +20,15 @@ from bella.arrivals import arrivals_csv, locate_receivers
 from bella.bursts import EVENT, half_maximum_arrivals, published_arrivals
 from bella.catalogue import Catalogue, Series, Submission
 from bella.cli import app
-from bella.exceptions import BusyError, GeometryError, InputError, NoDataError, StoreError, UnreachableError
+from bella.exceptions import (
+    BusyError,
+    ConvergenceError,
+    GeometryError,
+    InputError,
+    NoDataError,
+    StoreError,
+    UnreachableError,
+)
 from bella.flags import APPARENT_SOURCE
 from bella.multilateration import localise
 from bella.pipeline import progress
@@ -28,12 +36,12 @@ from bella.pipeline.inputs import load_burst
 from bella.pipeline.publication import Draft, inputs_hash, publish, solution_flags
 from bella.pipeline.run import check_unchanged
 from bella.pipeline.surroundings import surroundings_of
-from bella.pipeline.tracks import Timing, attempted, fitted_track
+from bella.pipeline.tracks import Timing, attempted
 from bella.pipeline.workers import prepare
 from bella.records import Origin
 from bella.settings import Settings
 from bella.tracks.spiral import track_fit
-from tests.pipeline.examples import built_in_event
+from tests.pipeline.examples import built_in_event, whole_track
 
 SERIES = Series("half_maximum", "posterior", "default", 2)
 UNKNOWN = surroundings_of(datetime(2012, 6, 7, 19, 20, tzinfo=UTC), Settings(in_situ=None, regions=None))
@@ -103,7 +111,7 @@ def test_track_of_a_solution_holds_every_method_and_its_draws_reach_the_store(tm
     settings = Settings(home=tmp_path, draws=500)
     arrivals = locate_receivers(half_maximum_arrivals(np.geomspace(0.15, 2.0, 40)))
     given = built_in_event()
-    track, posterior = fitted_track(localise(arrivals, draws=200), Timing(arrivals), SERIES, settings, UNKNOWN)
+    track, fitted = whole_track(localise(arrivals, draws=200), Timing(arrivals), SERIES, settings, UNKNOWN)
     assert track["joint"]["times"] > 100
     assert track["joint"]["rotation_period_d"] == track["rotation_period_d"] == 24.47
     computed = {"semp", "weighted", "piecewise", "density_excess", "scattering", "footpoint", "models"}
@@ -112,8 +120,13 @@ def test_track_of_a_solution_holds_every_method_and_its_draws_reach_the_store(tm
     assert track["remark"] == track["companions"]["scattering"]["apparent"] == APPARENT_SOURCE
     assert {name for name, one in track["companions"].items() if "reason" in one} == missing
     with closing(Catalogue.open(settings.catalogue_url, create=True)) as catalogue:
-        solution = publish(Draft(given.burst, SERIES, "0" * 64, posterior, track, given.sources), catalogue, settings)
+        first = fitted.track.model_dump(mode="json")
+        draft = Draft(given.burst, SERIES, "0" * 64, fitted.drawn, first, given.sources)
+        solution = publish(draft, catalogue, settings)
+        assert catalogue.track_fit(solution.solution_id) == json.loads(json.dumps(first))
+        catalogue.add_companions(solution.solution_id, track["companions"])
         assert catalogue.track_fit(solution.solution_id) == json.loads(json.dumps(track))
+        assert solution == catalogue.solution(solution.solution_id)
     assert set(track["joint"]["flags"]) <= set(solution.flags)
     with xr.open_zarr(settings.store_root / solution.store_path, chunks=None) as group:
         wind = group["joint_draws"].sel(joint_parameter="v_sw_km_s")
@@ -124,9 +137,9 @@ def test_track_of_a_solution_holds_every_method_and_its_draws_reach_the_store(tm
 
 def test_what_cannot_be_computed_says_why_and_stops_nothing(located: Any) -> None:
     alone = located[located["frequency_mhz"] == 1.0]
-    track, posterior = fitted_track(localise(alone, draws=200), Timing(alone), SERIES, Settings(), UNKNOWN)
+    track, fitted = whole_track(localise(alone, draws=200), Timing(alone), SERIES, Settings(), UNKNOWN)
     assert track["joint"]["flags"] == ["too_few_frequencies"]
-    assert "joint_draws" not in posterior
+    assert "joint_draws" not in fitted.drawn
     found = track["companions"]
     assert found["semp"] == {"flags": ["not_computed"], "reason": found["semp"]["reason"]}
     assert "at least 4" in found["semp"]["reason"]
@@ -135,7 +148,10 @@ def test_what_cannot_be_computed_says_why_and_stops_nothing(located: Any) -> Non
     assert found["density_excess"]["flags"] == []
 
 
-@pytest.mark.parametrize("error", [GeometryError("collinear"), NoDataError("outside the table"), InputError("wrong")])
+@pytest.mark.parametrize(
+    "error",
+    [GeometryError("collinear"), NoDataError("outside"), InputError("wrong"), ConvergenceError("no maximum")],
+)
 def test_only_expected_errors_of_a_companion_are_recorded(error: Exception) -> None:
     def refuse() -> dict[str, Any]:
         raise error
@@ -165,7 +181,7 @@ def test_burst_of_one_frequency_is_published_without_a_spiral(tmp_path: Path, lo
     assert "too_few_positions" in solution.flags
     with TestClient(create_app(settings)) as client:
         page = client.get(f"/bursts/{given.burst.burst_id}")
-        figure = client.get(f"/api/v1/bursts/{given.burst.burst_id}/figures/constellation")
+        figure = client.get(f"/api/v1/bursts/{given.burst.burst_id}/figures/constellation.svg")
         track = client.get(f"/api/v1/bursts/{given.burst.burst_id}/track").json()
     assert page.status_code == figure.status_code == 200
     assert "no spiral was fitted" in page.text
@@ -196,13 +212,13 @@ def test_only_errors_that_may_pass_are_tried_again(error: Exception, *, again: b
 
 
 def test_progress_counts_for_who_listens() -> None:
-    heard: list[tuple[str, int, int]] = []
+    received: list[tuple[str, int, int]] = []
     progress.counter("unheard", 2)(1)
-    progress.listen(lambda *news: heard.append(news))
+    progress.listen(lambda *news: received.append(news))
     advance = progress.counter("localise", 5)
     advance(2)
     advance(3)
-    assert heard == [("localise", 0, 5), ("localise", 2, 5), ("localise", 5, 5)]
+    assert received == [("localise", 0, 5), ("localise", 2, 5), ("localise", 5, 5)]
 
 
 def test_environment_keeps_what_an_operator_has_set(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -1,6 +1,7 @@
 """A release holds what the catalogue says, is whole or not there, and changes of it are found."""
 
 import fcntl
+import hashlib
 import json
 import os
 import re
@@ -35,6 +36,8 @@ from bella.settings import Settings
 from bella.store import open_group
 from tests.api.published import ONSET, publish_event, publish_many, published, synthetic_burst
 from tests.fixtures_postgres import postgres_database
+from tests.linked_events.published import link_flare
+from tests.pipeline.disks import small_disk_at
 from tests.plotting.synthetic import BURST_ID
 
 REPOSITORY = Path(__file__).parents[2]
@@ -58,10 +61,11 @@ def filled(settings: Settings) -> Settings:
         simulated = replace(july, burst_id=SIMULATED, origin=Origin.SIMULATED)
         published(settings, catalogue, burst=simulated, frequencies=few)
         catalogue.retract(wrong.burst_id, "interference")
-        heard = [DETECTION, replace(DETECTION, observatory="STEREO-A")]
-        catalogue.record_day(SearchedDay(ONSET.date(), "h", "0.1", ("WIND", "STEREO-A"), DayAnswer.LOCALISED), heard)
+        received = [DETECTION, replace(DETECTION, observatory="STEREO-A")]
+        catalogue.record_day(SearchedDay(ONSET.date(), "h", "0.1", ("WIND", "STEREO-A"), DayAnswer.LOCALISED), received)
         silent = SearchedDay(date(2012, 7, 1), "h", "0.1", ("WIND",), DayAnswer.NOT_SEARCHABLE, "one hour is missing")
         catalogue.record_day(silent, [])
+        link_flare(catalogue, BURST_ID, ONSET)
     return settings
 
 
@@ -114,6 +118,14 @@ def assert_holds_the_catalogue(settings: Settings, parent: Path) -> None:
     ]
     assert rows_of(folder, "days", "2012-07")[0]["reason"] == "one hour is missing"
     assert [one["observatory"] for one in rows_of(folder, "detections")] == ["STEREO-A", "WIND"]
+    (flare,) = rows_of(folder, "events")
+    assert (flare["event_id"], flare["burst_id"], flare["delay_s"], flare["peak_utc"]) == (
+        "DONKI:F",
+        BURST_ID,
+        -120.0,
+        None,
+    )
+    assert flare["phi0_deg"] == rows_of(folder, "bursts")[0]["phi0_deg"]
     (stored,) = (folder / "posteriors" / BURST_ID).iterdir()
     with xr.open_zarr(stored, consolidated=True) as copy:
         expected = open_group(settings.store_root, f"{BURST_ID}/{stored.name}")
@@ -160,7 +172,7 @@ def test_tables_of_months_are_read_as_one_and_votables_say_the_same(frozen: Path
 def test_votlint_finds_nothing(frozen: Path) -> None:
     if shutil.which("stilts") is None:
         pytest.skip("votlint is not installed: it comes with stilts (apt-get install stilts)")
-    for name in ("bursts.vot", "tracks.vot"):
+    for name in ("bursts.vot", "tracks.vot", "events.vot"):
         found = subprocess.run(
             ["stilts", "votlint", f"votable={frozen / name}"], capture_output=True, text=True, check=False
         )
@@ -174,13 +186,13 @@ def test_croissant_is_valid_and_its_records_are_those_of_the_tables(
     dataset = mlcroissant.Dataset("croissant.json")
     assert not dataset.metadata.ctx.issues.errors
     assert not dataset.metadata.ctx.issues.warnings
-    assert {one.name for one in dataset.metadata.record_sets} == set(SCHEMAS) - {"events"}
+    assert {one.name for one in dataset.metadata.record_sets} == set(SCHEMAS)
     bursts = list(dataset.records("bursts"))
     assert [one["bursts/burst_id"].decode() for one in bursts] == pq.read_table("bursts")["burst_id"].to_pylist()
     assert [one["bursts/f_low_mhz"] for one in bursts] == [0.15] * 3
     sums = {one.id: one.sha256 for one in dataset.metadata.distribution if getattr(one, "sha256", None)}
     listed = dict(line.split("  ")[::-1] for line in Path("SHA256SUMS").read_text().splitlines())
-    assert sums == {name: listed[name] for name in ("bursts.vot", "tracks.vot", "calibration.csv")}
+    assert sums == {name: listed[name] for name in ("bursts.vot", "tracks.vot", "events.vot", "calibration.csv")}
 
 
 def test_datacite_has_what_a_doi_needs(frozen: Path) -> None:
@@ -502,15 +514,8 @@ def test_a_killed_run_leaves_no_release_and_the_next_makes_one(home: Settings, s
 
 @pytest.fixture
 def small_disk(tmp_path: Path) -> Iterator[Path]:
-    place = tmp_path / "small"
-    place.mkdir()
-    made = subprocess.run(
-        ["mount", "-t", "tmpfs", "-o", f"size={80 * 1024}", "tmpfs", place], capture_output=True, check=False
-    )
-    if made.returncode:
-        pytest.skip(f"no small file system can be mounted: {made.stderr.decode().strip()}")
-    yield place
-    subprocess.run(["umount", "-l", place], check=True)
+    with small_disk_at(tmp_path / "disk", 80 * 1024) as place:
+        yield place
 
 
 @pytest.mark.parametrize("posteriors", [True, False], ids=["in a posterior", "in a table or a text"])
@@ -540,3 +545,15 @@ def test_two_processes_do_not_make_the_same_release(home: Settings, tmp_path: Pa
 def test_columns_of_another_version_are_named(frozen: Path) -> None:
     with pytest.raises(InputError, match="not those of this version"):
         from_arrow(ARRIVALS, pq.read_table(frozen / BURSTS.name / "2012-07.parquet"))
+
+
+def test_a_release_from_before_there_were_events_is_still_whole(copied: Path) -> None:
+    shutil.rmtree(copied / "events")
+    (copied / "events.vot").unlink()
+    record = json.loads((copied / "release.json").read_text())
+    del record["rows"]["events"]
+    (copied / "release.json").write_text(json.dumps(record))
+    names = [one for one in copied.rglob("*") if one.is_file() and one.name != "SHA256SUMS"]
+    lines = [f"{hashlib.sha256(one.read_bytes()).hexdigest()}  {one.relative_to(copied)}\n" for one in names]
+    (copied / "SHA256SUMS").write_text("".join(lines))
+    assert "events" not in verify_release(copied).rows

@@ -20,10 +20,10 @@ from bella.multilateration import localise
 from bella.pipeline.day_files import DayFiles, with_surroundings
 from bella.pipeline.publication import Draft, inputs_hash, publish
 from bella.pipeline.surroundings import day_digest, draw_wind, has_wind, surroundings_of
-from bella.pipeline.tracks import Timing, fitted_track
+from bella.pipeline.tracks import Timing
 from bella.records import MeasuredWind
 from bella.settings import Settings
-from tests.pipeline.examples import built_in_event
+from tests.pipeline.examples import built_in_event, whole_track
 from tests.solar_wind.test_context import HOLES, SUMMARY
 from tests.solar_wind.test_folder import hours
 
@@ -65,8 +65,9 @@ def published(localised: tuple[pd.DataFrame, xr.Dataset], settings: Settings) ->
         same = catalogue.find_solution(given.burst.burst_id, SERIES, checksum, "0.2.0")
         if same is not None:
             return same, catalogue.track_fit(same.solution_id), False
-        track, drawn = fitted_track(posterior, Timing(arrivals, compared=False), SERIES, settings, around)
-        solution = publish(Draft(given.burst, SERIES, checksum, drawn, track, sources), catalogue, settings)
+        track, fitted = whole_track(posterior, Timing(arrivals, compared=False), SERIES, settings, around)
+        draft = Draft(given.burst, SERIES, checksum, fitted.drawn, track, sources)
+        solution = publish(draft, catalogue, settings)
         assert catalogue.sources(solution.solution_id) == sources
         return solution, catalogue.track_fit(solution.solution_id), True
 
@@ -141,7 +142,7 @@ def test_nothing_measured_is_said_and_stops_nothing(
         poor = settings.model_copy(update={"in_situ": tmp_path / name, "regions": tmp_path / name})
         around = surroundings_of(START, poor)
         assert around.sources() == ()
-        track, _ = fitted_track(localised[1], Timing(localised[0], compared=False), SERIES, poor, around)
+        track, _ = whole_track(localised[1], Timing(localised[0], compared=False), SERIES, poor, around)
         wind, foot = track["companions"]["wind"], track["companions"]["footpoint"]
         assert wind == {"flags": ["not_computed"], "reason": wind["reason"]}
         assert reason in wind["reason"]
@@ -153,7 +154,7 @@ def test_nothing_measured_is_said_and_stops_nothing(
 def test_too_few_hours_are_no_wind(localised: tuple[pd.DataFrame, xr.Dataset], tmp_path: Path) -> None:
     (tmp_path / "omni.lst").write_text("2012 159 19 649\n")
     around = surroundings_of(START, Settings(in_situ=tmp_path))
-    track, _ = fitted_track(localised[1], Timing(localised[0], compared=False), SERIES, Settings(draws=200), around)
+    track, _ = whole_track(localised[1], Timing(localised[0], compared=False), SERIES, Settings(draws=200), around)
     assert "at least 24 are needed" in track["companions"]["wind"]["reason"]
     assert track["companions"]["footpoint"]["connections"][0]["v_sw_km_s"] == 649.0
 

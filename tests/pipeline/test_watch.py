@@ -27,6 +27,7 @@ from tests.archive.server import cdf
 
 (WIND,) = find_datasets(["WI_H1_WAV"])
 TODAY = date(2021, 11, 20)
+RUNNING = "running"
 DAY = timedelta(days=1)
 
 
@@ -35,6 +36,7 @@ class Noted:
 
     def __init__(self, state: str = SEARCHED, error: BellaError | None = None) -> None:
         self.days: list[date] = []
+        self.running: dict[date, Future[DayOutcome]] = {}
         self.state, self.error = state, error
 
     def fetch(self, days: Sequence[date], archive: str, settings: Settings) -> tuple[str, ...]:
@@ -44,6 +46,9 @@ class Noted:
         assert known == ()
         self.days.append(files.day)
         future: Future[DayOutcome] = Future()
+        if self.state == RUNNING:
+            self.running[files.day] = future
+            return future
         if self.error is not None:
             future.set_exception(self.error)
             return future
@@ -71,20 +76,28 @@ def arrive(settings: Settings, day: date, seed: int = 0) -> None:
     staged.replace(folder / f"wi_h1_wav_{day:%Y%m%d}_v01.cdf")
 
 
+def step(watch: Watch) -> bool:
+    """Whether anything is left to be done after a look, and after what was begun is done."""
+    watch.step(TODAY)
+    while watch.is_busy:
+        watch.wait(1.0)
+    return bool(watch._waiting)
+
+
 def test_the_day_whose_file_came_last_is_next(tmp_path: Path) -> None:
     settings, executor = settings_of(tmp_path), Noted()
     for before in (1, 5, 3):
         arrive(settings, TODAY - before * DAY)
     watch = Watch(run_of(settings), executor)
-    assert watch.step(TODAY)
+    assert step(watch)
     assert executor.days == [TODAY - 3 * DAY]
     arrive(settings, TODAY - 7 * DAY)
-    assert watch.step(TODAY)
+    assert step(watch)
     assert executor.days[1:] == [TODAY - 7 * DAY]
-    assert watch.step(TODAY)
-    assert not watch.step(TODAY)
+    assert step(watch)
+    assert not step(watch)
     assert executor.days[2:] == [TODAY - 5 * DAY, TODAY - 1 * DAY]
-    assert not watch.step(TODAY)
+    assert not step(watch)
     assert len(executor.days) == 4
     found = {one.day: one.answer for one in watch.outcomes}
     assert list(found) == [TODAY - before * DAY for before in range(9, -1, -1)]
@@ -97,9 +110,9 @@ def test_a_replaced_file_is_new_and_days_before_the_recent_ones_are_not_looked_a
     arrive(settings, TODAY - 2 * DAY)
     arrive(settings, TODAY - 3 * DAY)
     watch = Watch(run_of(settings), executor)
-    assert not watch.step(TODAY)
+    assert not step(watch)
     arrive(settings, TODAY - 2 * DAY, 1)
-    assert not watch.step(TODAY)
+    assert not step(watch)
     assert executor.days == [TODAY - 2 * DAY] * 2
 
 
@@ -107,28 +120,67 @@ def test_as_many_days_at_a_time_as_there_are_workers_and_no_day_that_is_done(tmp
     settings, executor = settings_of(tmp_path), Noted()
     for before in (4, 3, 2):
         arrive(settings, TODAY - before * DAY)
-    assert Watch(run_of(settings, 2), executor).step(TODAY)
-    assert executor.days == [TODAY - 3 * DAY, TODAY - 2 * DAY]
-    assert not Watch(run_of(settings, 2), executor).step(TODAY)
+    assert step(Watch(run_of(settings, 2), executor))
+    assert executor.days == [TODAY - 2 * DAY, TODAY - 3 * DAY]
+    assert not step(Watch(run_of(settings, 2), executor))
     assert executor.days[2:] == [TODAY - 4 * DAY]
+
+
+def test_a_day_with_newer_files_than_all_that_are_processed_does_not_wait_for_them(tmp_path: Path) -> None:
+    settings, executor = settings_of(tmp_path), Noted(RUNNING)
+    watch = Watch(run_of(settings), executor)
+    for number, before in enumerate((4, 3, 2), 1):
+        arrive(settings, TODAY - before * DAY)
+        watch.step(TODAY)
+        assert executor.days == [TODAY - 4 * DAY, TODAY - 3 * DAY][:number], "never more than two for a worker"
+    arrive(settings, TODAY - 3 * DAY, 1)
+    watch.step(TODAY)
+    executor.running[TODAY - 4 * DAY].set_result(DayOutcome(TODAY - 4 * DAY, SEARCHED))
+    watch.wait(1.0)
+    watch.step(TODAY)
+    assert executor.days[2:] == [TODAY - 2 * DAY], "a day that is being processed is not begun again meanwhile"
+    for before in (3, 2):
+        executor.running[TODAY - before * DAY].set_result(DayOutcome(TODAY - before * DAY, SEARCHED))
+        watch.wait(1.0)
+    assert not watch.is_busy
+    watch.step(TODAY)
+    assert executor.days[3:] == [TODAY - 3 * DAY], "its file was replaced while it was processed"
+
+
+def test_older_days_wait_until_a_worker_is_free(tmp_path: Path) -> None:
+    settings, executor = settings_of(tmp_path), Noted(RUNNING)
+    for before in (2, 3, 4):
+        arrive(settings, TODAY - before * DAY)
+    watch = Watch(run_of(settings), executor)
+    watch.step(TODAY)
+    watch.step(TODAY)
+    assert executor.days == [TODAY - 4 * DAY]
+
+
+def test_a_neighbour_of_the_day_of_a_new_file_comes_after_it(tmp_path: Path) -> None:
+    settings, executor = settings_of(tmp_path), Noted()
+    for before in (5, 4, 3, 8, 4):
+        arrive(settings, TODAY - before * DAY)
+    step(Watch(run_of(settings, 9), executor))
+    assert executor.days == [TODAY - before * DAY for before in (4, 8, 3, 5)]
 
 
 def test_a_day_that_failed_is_tried_again_after_a_while(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     settings, executor = settings_of(tmp_path), Noted(error=InputError("the disk is full"))
     arrive(settings, TODAY)
     watch = Watch(run_of(settings), executor)
-    assert not watch.step(TODAY)
-    assert not watch.step(TODAY)
+    assert not step(watch)
+    assert not step(watch)
     assert executor.days == [TODAY]
     assert watch.outcomes[-1].state == FAILED
     monkeypatch.setattr(room, "RETRY_S", -1.0)
     watch = Watch(run_of(settings), executor)
-    watch.step(TODAY)
+    step(watch)
     executor.error = None
-    watch.step(TODAY)
+    step(watch)
     assert executor.days == [TODAY] * 3
     assert watch.outcomes[-1].state == SEARCHED
-    watch.step(TODAY)
+    step(watch)
     assert len(executor.days) == 3
 
 

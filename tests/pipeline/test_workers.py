@@ -1,16 +1,18 @@
 """Processes that compute side by side: what they give, what one that is killed leaves, and that none is left behind."""
 
+import functools
 import multiprocessing
 import os
 import signal
 import subprocess
 import sys
+import threading
 from pathlib import Path
 
 import pytest
 
 from bella.exceptions import NoDataError, WorkerLostError
-from bella.pipeline.workers import Workers
+from bella.pipeline.workers import LATER_S, Workers
 from bella.settings import Settings
 from tests.waiting import until
 
@@ -42,6 +44,37 @@ def test_a_worker_that_is_killed_is_an_error_that_may_pass(tmp_path: Path) -> No
             workers.call(killed)
         assert caught.value.retriable
         assert workers.call(square, 4) == 16, "others take its place"
+
+
+def test_places_of_a_worker_that_is_killed_are_free_again(tmp_path: Path) -> None:
+    with Workers(2, Settings(home=tmp_path)) as workers:
+        for _ in range(3):
+            with pytest.raises(WorkerLostError):
+                workers.map(killed, [(), (), ()])
+        assert workers.map(square, [(1,), (2,), (3,)]) == [1, 4, 9]
+
+
+@pytest.mark.parametrize("number", [1, 2])
+def test_the_most_urgent_is_begun_first_and_of_equals_the_first(number: int, tmp_path: Path) -> None:
+    with Workers(number, Settings(home=tmp_path)) as workers:
+        begun: list[str] = []
+        for _ in range(number):
+            workers._turns.take(0.0)
+        threads = []
+        for name, urgency in (("old", 1.0), ("later", 1.0 - LATER_S), ("new", 2.0), ("old too", 1.0)):
+            wait = functools.partial(_noted, workers, begun, name, urgency)
+            threads.append(threading.Thread(target=wait))
+            threads[-1].start()
+            until(lambda: len(workers._turns._waiting) == len(threads))
+        workers._turns.give()
+        for thread in threads:
+            thread.join()
+        assert begun == ["new", "old", "old too", "later"]
+
+
+def _noted(workers: Workers, begun: list[str], name: str, urgency: float) -> None:
+    assert workers.call(square, 2, urgency=urgency) == 4
+    begun.append(name)
 
 
 PARENT = """

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from bella.heliosphere import spiral_longitude_deg
-from bella.plotting import MapView, TrackView, as_file, constellation_figure, selected_regions, thumbnail
+from bella.plotting import MapView, TrackView, constellation_figure, selected_regions, thumbnail
 from bella.records import Interval
 from bella.spacecraft import hee_to, position
 from bella.units import AU_RSUN
@@ -158,11 +158,13 @@ def test_names_in_a_figure_are_text_and_no_markup() -> None:
     assert "<script>&" in texts(parsed(constellation_figure([], UTC, look)), "craft-label")
 
 
-def test_a_file_has_its_style_and_its_caption(tracks: list[TrackView]) -> None:
-    root = parsed(as_file(constellation_figure(tracks, UTC, MapView()), "What & where"))
-    assert root[0].text == "What & where"
-    assert ".figure" in root[1].text
-    assert "prefers-color-scheme" in root[1].text
+def test_no_longitude_is_written_where_the_colours_of_the_frequencies_are(tracks: list[TrackView]) -> None:
+    root = parsed(constellation_figure(tracks, UTC, MapView()))
+    corner = next(iter(of_class(root, "sky under")))
+    right, top = float(corner.get("x")) + float(corner.get("width")), float(corner.get("y"))
+    places = [(float(one.get("x")), float(one.get("y"))) for one in of_class(root, "spoke-label")]
+    assert len(places) > 3
+    assert [place for place in places if place[0] < right and place[1] > top] == []
 
 
 def test_the_small_picture_shows_track_interval_and_receivers() -> None:

@@ -360,7 +360,7 @@ def test_of_twins_in_two_files_that_with_data_stays() -> None:
 def test_key_parameters_every_three_minutes_are_searched(tmp_path: Path, pack: object) -> None:
     utc = np.datetime64("2020-07-11T00:01:30", "ns") + np.arange(480) * 180 * SECOND
     decibel = RANDOM.normal(0.0, 0.3, (480, 76))
-    path = written.write_wind_k0(tmp_path / "wi_k0_wav_20200711_v01.cdf", utc, decibel)
+    path = af.write_wind_k0(tmp_path / "wi_k0_wav_20200711_v01.cdf", utc, decibel)
     packed = path if pack is not gzip.compress else path.with_suffix(".cdf.gz")
     packed.write_bytes(pack(path.read_bytes()))  # type: ignore[operator]
 

@@ -66,7 +66,7 @@ def test_wind_k0_is_decibel_over_background(tmp_path: Path) -> None:
     utc = START + np.arange(480) * 180 * SECOND
     decibel = values(480, 76, 10.0)
 
-    spectrum = only(written.write_wind_k0(tmp_path / "wi_k0_wav_20200711_v01.cdf", utc, decibel))
+    spectrum = only(archive_files.write_wind_k0(tmp_path / "wi_k0_wav_20200711_v01.cdf", utc, decibel))
 
     np.testing.assert_array_equal(spectrum["intensity"], decibel)
     np.testing.assert_allclose(spectrum["frequency"][[0, -1]], [0.004, 13.8], rtol=1e-6)

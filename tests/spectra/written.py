@@ -9,28 +9,16 @@ from pathlib import Path
 import numpy as np
 
 from bella.simulation.archive_files import (
-    EPOCH,
     REAL4,
     REAL8,
     TT2000,
     Variable,
-    cdf_epoch,
     filled,
     tt2000,
     write_cdf,
 )
 
 UINT1, UINT2 = 11, 12
-
-
-def write_wind_k0(path: Path, utc: np.ndarray, decibel: np.ndarray) -> Path:
-    """Wind key parameters: 76 channels."""
-    variables: list[Variable] = [
-        ("Epoch", EPOCH, cdf_epoch(utc), True, {}),
-        ("E_freq_val", REAL4, np.geomspace(4e3, 13.8e6, 76).astype(np.float32), False, {"UNITS": "Hz"}),
-        ("E_Average", REAL4, filled(decibel), True, {"DEPEND_1": "E_freq_val", "UNITS": "dB"}),
-    ]
-    return write_cdf(path, path.stem, variables)
 
 
 def write_wind_60s(path: Path, utc: np.ndarray, frequency_khz: np.ndarray, mean: np.ndarray, unit: int) -> Path:

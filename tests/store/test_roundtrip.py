@@ -57,6 +57,13 @@ def test_spectra_come_back_the_same(root: Path) -> None:
     assert found["WIND"]["time"].values[1] == np.datetime64("2012-06-07T19:01:00")
 
 
+def test_metadata_are_written_without_spaces(root: Path) -> None:
+    published(posterior(), root)
+    written = list((root / NAME).rglob("zarr.json"))
+    assert written
+    assert all("\n" not in one.read_text() for one in written)
+
+
 def test_plain_xarray_reads_it_without_a_word(root: Path) -> None:
     published(posterior(), root)
     with warnings.catch_warnings():

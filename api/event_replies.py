@@ -4,8 +4,9 @@ from dataclasses import asdict
 from datetime import datetime
 from typing import Literal
 
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import Field
 
+from api.replies import PageReply, Reply
 from bella.catalogue import Catalogue, KnownEvent, ListRead
 from bella.linked_events import Event, EventKind, Link
 
@@ -13,11 +14,7 @@ NEAR = "Events near a burst in time, both at the Sun: a link is no proof that on
 NO_LISTS = "No list of events is known here: a burst without events is one that was not compared with any."
 
 
-class _Reply(BaseModel):
-    model_config = ConfigDict(frozen=True)
-
-
-class EventReply(_Reply):
+class EventReply(Reply):
     """An event as others published it; times are those at the observer."""
 
     event_id: str = Field(description="Source and the id that the event has there.")
@@ -66,7 +63,7 @@ class ListedEventReply(EventReply):
         return cls(**asdict(known.event), list_name=known.list_name, bursts=dict(known.bursts))
 
 
-class EventListReply(_Reply):
+class EventListReply(Reply):
     """A list of events: how far it reaches, and how fresh it is."""
 
     name: str
@@ -87,19 +84,15 @@ class EventListReply(_Reply):
         return cls(**{name: value for name, value in asdict(one).items() if name in cls.model_fields})
 
 
-class EventsReply(_Reply):
+class EventsReply(PageReply):
     """One page of events by their start, and the lists that they are from."""
 
     events: list[ListedEventReply]
-    total: int = Field(description="Events that match, on all pages.")
-    returned: int
-    truncated: bool = Field(description="True when more events follow: go on at `next`.")
-    next: str | None
     lists: list[EventListReply]
     remark: str = NEAR
 
 
-class BurstEventsReply(_Reply):
+class BurstEventsReply(Reply):
     """Events near a burst, the nearest first, and the lists that it was compared with."""
 
     burst_id: str

@@ -1,0 +1,136 @@
+"""Replies that are kept until the catalogue changes: what was asked before is neither read nor drawn again."""
+
+import time
+from collections import OrderedDict
+from dataclasses import dataclass
+from threading import Lock
+
+from starlette.concurrency import run_in_threadpool
+from starlette.datastructures import Headers, MutableHeaders
+from starlette.types import ASGIApp, Message, Receive, Scope, Send
+
+from api.freshness import ENDLESS, REVALIDATE, has_entity, not_modified_headers
+from api.links import own_path
+from api.service import Service
+
+NEVER = (ENDLESS, "/static/", "/status", "/health", "/metrics")
+"""Addresses whose replies are of this moment, or are not made of the catalogue."""
+
+FILES = ("/figure.", "/posterior.zarr/")
+"""Have in them addresses of files, with tags of their own."""
+
+CONDITIONS = (b"if-none-match", b"if-modified-since")
+"""Headers of a request that may make its reply a 304."""
+
+AGE_S = 60.0
+"""Longest time that a reply is kept: some hold the date of today, or figures that were drawn after the last commit."""
+
+MOST_BYTES, LARGEST_BYTES = 64_000_000, 1_000_000
+"""Of all replies of one process, and of one."""
+
+
+@dataclass(frozen=True)
+class _Kept:
+    """A whole reply, and the state of the catalogue that it was made of."""
+
+    state: str
+    until_s: float
+    headers: list[tuple[bytes, bytes]]
+    body: bytes
+
+
+class KeptReplies:
+    """Answers a GET from memory where the same was asked since the catalogue changed last.
+
+    The state is looked up before a reply is made, so that one is never older than it is said to be.
+
+    Parameters
+    ----------
+    app : ASGIApp
+    service : Service
+    """
+
+    def __init__(self, app: ASGIApp, service: Service) -> None:
+        self.app, self.service = app, service
+        self._kept: OrderedDict[tuple[str, ...], _Kept] = OrderedDict()
+        self._bytes = 0
+        self._changing = Lock()
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        """Answer, or pass the request on and keep the reply."""
+        asked = Headers(scope=scope) if scope["type"] == "http" else Headers()
+        state = await run_in_threadpool(self.service.state) if _may_be_kept(scope, asked) else None
+        if state is None:
+            await self.app(scope, receive, send)
+            return
+        key = _key(scope, asked)
+        kept = self._kept.get(key)
+        if kept is None or kept.state != state or kept.until_s < time.monotonic():
+            kept = await self._made(scope, receive, send, state)
+            if kept is None:
+                return
+            self._keep(key, kept)
+        await _answer(kept, asked, send)
+
+    async def _made(self, scope: Scope, receive: Receive, send: Send, state: str) -> _Kept | None:
+        """The reply of the application; None where it is not kept, and was sent."""
+        start: Message = {}
+        found: list[_Kept] = []
+
+        async def _take(message: Message) -> None:
+            nonlocal start
+            if message["type"] == "http.response.start":
+                start = message
+                return
+            if start and not found:
+                body, headers = message.get("body", b""), Headers(raw=start["headers"])
+                is_whole = start["status"] == 200 and not message.get("more_body") and "etag" in headers
+                if is_whole and headers.get("cache-control") == REVALIDATE and len(body) <= LARGEST_BYTES:
+                    until_s = time.monotonic() + AGE_S
+                    found.append(_Kept(state, until_s, [*start["headers"]], body))
+                    return
+                await send(start)
+                start = {}
+            await send(message)
+
+        rest = [(name, value) for name, value in scope["headers"] if name not in CONDITIONS]
+        await self.app({**scope, "headers": rest}, receive, _take)
+        return found[0] if found else None
+
+    def _keep(self, key: tuple[str, ...], kept: _Kept) -> None:
+        with self._changing:
+            before = self._kept.pop(key, None)
+            self._kept[key] = kept
+            self._bytes += len(kept.body) - (len(before.body) if before else 0)
+            while self._bytes > MOST_BYTES:
+                self._bytes -= len(self._kept.popitem(last=False)[1].body)
+
+
+def _may_be_kept(scope: Scope, asked: Headers) -> bool:
+    if scope["type"] != "http" or scope["method"] != "GET":
+        return False
+    path = own_path(scope)
+    is_file = any(one in path for one in FILES)
+    is_streamed = b"limit=all" in scope["query_string"]  # sent piece by piece, which are made as they are taken
+    return not (path.startswith(NEVER) or is_file or is_streamed or "authorization" in asked or "range" in asked)
+
+
+def _key(scope: Scope, asked: Headers) -> tuple[str, ...]:
+    """All of a request that a reply depends on; addresses in it begin with scheme, host and prefix."""
+    return (
+        scope["scheme"],
+        asked.get("host", ""),
+        scope.get("root_path", ""),
+        scope["path"],
+        scope["query_string"].decode("latin-1"),
+        asked.get("accept", ""),
+        "gzip" if "gzip" in asked.get("accept-encoding", "") else "",
+    )
+
+
+async def _answer(kept: _Kept, asked: Headers, send: Send) -> None:
+    headers, status, body = MutableHeaders(raw=[*kept.headers]), 200, kept.body
+    if has_entity(asked, headers["etag"], headers.get("last-modified")):
+        headers, status, body = not_modified_headers(headers), 304, b""
+    await send({"type": "http.response.start", "status": status, "headers": headers.raw})
+    await send({"type": "http.response.body", "body": body})

@@ -1,0 +1,118 @@
+"""Replies that are kept: the same bytes as if they were made again, never older than the catalogue."""
+
+from collections.abc import Iterator
+
+import pytest
+from fastapi.testclient import TestClient
+from sqlalchemy import Engine, event
+
+import api.kept
+from api.app import create_app
+from bella.catalogue import Catalogue
+from bella.settings import Settings
+from tests.api.published import published, settings_of, synthetic_burst
+from tests.fixtures_postgres import postgres_database
+from tests.plotting.synthetic import BURST_ID
+
+LIST, BURST = "/api/v1/bursts", f"/api/v1/bursts/{BURST_ID}"
+
+
+@pytest.fixture
+def statements() -> Iterator[list[str]]:
+    """Statements that the catalogue is asked."""
+    found: list[str] = []
+
+    def note(_connection: object, _cursor: object, statement: str, *_: object) -> None:
+        found.append(statement)
+
+    event.listen(Engine, "before_cursor_execute", note)
+    yield found
+    event.remove(Engine, "before_cursor_execute", note)
+
+
+@pytest.mark.parametrize("address", [LIST, BURST, f"{LIST}?format=csv", "/", f"/bursts/{BURST_ID}", "/days"])
+def test_what_was_asked_before_is_not_read_again(client: TestClient, statements: list[str], address: str) -> None:
+    first = client.get(address)
+    statements.clear()
+    second = client.get(address)
+    assert not statements
+    assert second.content == first.content
+    assert second.headers == first.headers
+    known = client.get(address, headers={"If-None-Match": first.headers["etag"]})
+    assert (known.status_code, known.content, statements) == (304, b"", [])
+    assert known.headers["content-security-policy"] == first.headers["content-security-policy"]
+
+
+def test_a_kept_reply_is_of_one_question(client: TestClient) -> None:
+    asked: list[dict[str, str]] = [
+        {},
+        {"accept": "text/csv"},
+        {"accept-encoding": "identity"},
+        {"host": "elsewhere.example"},
+        {"x-forwarded-proto": "https"},
+    ]
+    for _ in range(2):
+        replies = [client.get(f"{LIST}?limit=3", headers=one) for one in asked]
+        assert [one.headers["content-type"].partition(";")[0] for one in replies[:2]] == [
+            "application/json",
+            "text/csv",
+        ]
+        assert "content-encoding" in replies[0].headers
+        assert "content-encoding" not in replies[2].headers
+        assert replies[3].json()["next"].startswith("http://elsewhere.example/")
+    assert client.get(f"{LIST}?limit=3").json()["next"] != client.get(f"{LIST}?limit=2").json()["next"]
+
+
+@pytest.mark.parametrize("backend", ["sqlite", "postgresql"])
+def test_a_commit_of_anybody_ends_what_was_kept(empty: Settings, backend: str) -> None:
+    with postgres_database() as url:
+        settings = empty.model_copy(update={"database_url": url}) if backend == "postgresql" else empty
+        with (
+            Catalogue.open(settings.catalogue_url, create=True) as catalogue,
+            TestClient(create_app(settings)) as reader,
+        ):
+            published(settings, catalogue)
+            assert reader.get(LIST).json()["total"] == 1
+            assert reader.get(LIST).json()["total"] == 1
+            published(settings, catalogue, burst=synthetic_burst(burst_id="T3-20120608-0100"))
+            assert reader.get(LIST).json()["total"] == 2
+            catalogue.retract(BURST_ID, "a test")
+            assert reader.get(LIST).json()["total"] == 1
+            reader.app.state.service.opened.close()  # type: ignore[attr-defined]
+
+
+def test_errors_moments_and_what_needs_a_token_are_not_kept(client: TestClient, statements: list[str]) -> None:
+    for address in ("/status", "/health", "/metrics", f"{LIST}/T3-20000101-0000"):
+        for _ in range(2):
+            statements.clear()
+            client.get(address)
+            assert statements, address
+    client.get(LIST)
+    statements.clear()
+    client.get(LIST, headers={"Authorization": "Bearer x"})
+    assert statements
+
+
+def test_kept_replies_grow_old_and_make_room(
+    client: TestClient, statements: list[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(api.kept, "AGE_S", -1.0)
+    client.get(LIST)
+    statements.clear()
+    client.get(LIST)
+    assert statements
+    monkeypatch.setattr(api.kept, "AGE_S", 60.0)
+    client.get(LIST)
+    for most, is_read in ((10**6, False), (1, True)):
+        monkeypatch.setattr(api.kept, "MOST_BYTES", most)
+        client.get(f"{LIST}?limit={2 + is_read}")
+        statements.clear()
+        client.get(LIST)
+        assert bool(statements) is is_read
+
+
+def test_a_catalogue_that_is_away_is_still_said(empty: Settings) -> None:
+    with TestClient(create_app(settings_of(empty.home / "elsewhere")), raise_server_exceptions=False) as reader:
+        reply = reader.get(LIST)
+    assert reply.status_code >= 500
+    assert "there is no catalogue" in reply.json()["detail"]

@@ -1,0 +1,114 @@
+"""A burst in two steps: its answer first, what other methods say of it under the same id, whatever comes between."""
+
+from contextlib import closing
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import pandas as pd
+import pytest
+
+from bella.answer import answer_of, read_track
+from bella.catalogue import Catalogue, Solution
+from bella.exceptions import BusyError
+from bella.pipeline.burst import Begun, BurstOutcome, Choice, begin_burst, finish_burst, process_burst
+from bella.pipeline.inputs import BurstInput
+from bella.settings import Settings
+from tests.pipeline.examples import built_in_event
+
+FIRST, SECOND = "half_rise", "half_maximum"
+
+
+@pytest.fixture(scope="module")
+def given() -> BurstInput:
+    """The built-in event at a few frequencies, with two edges; models are compared for the first alone."""
+    event = built_in_event()
+    few = {edge: event.arrivals[edge] for edge in (SECOND, FIRST)}
+    few = {edge: table[table["frequency_mhz"].isin(kept(table))] for edge, table in few.items()}
+    return replace(event, arrivals=few, channel_arrivals={}, channel_edges={}, spectra=None, collapsed=None)
+
+
+def kept(table: pd.DataFrame) -> pd.Series:
+    """Ten of the frequencies of a table."""
+    known = table["frequency_mhz"].unique()
+    return pd.Series(known[:: len(known) // 10])
+
+
+def settings_of(home: Path) -> Settings:
+    return Settings(home=home, draws=200, in_situ=None, regions=None)
+
+
+def begun_at(given: BurstInput, settings: Settings) -> Begun:
+    begun = begin_burst(given, Choice(), settings, "first")
+    assert isinstance(begun, Begun)
+    return begun
+
+
+def tracks(settings: Settings) -> dict[str, tuple[Solution, dict[str, Any]]]:
+    with closing(Catalogue.open(settings.catalogue_url)) as catalogue:
+        (burst,) = catalogue.bursts().bursts
+        return {one.series.edge: (one, catalogue.track_fit(one.solution_id)) for one in burst.solutions}
+
+
+@pytest.fixture(scope="module")
+def whole(
+    given: BurstInput, tmp_path_factory: pytest.TempPathFactory
+) -> tuple[Settings, dict[str, Any], dict[str, Any]]:
+    """A burst of both steps, and what was known of it after each."""
+    settings = settings_of(tmp_path_factory.mktemp("whole"))
+    begun = begun_at(given, settings)
+    early = tracks(settings)
+    assert [one.solution.series.edge for one in finish_burst(begun, settings, "first").outcomes] == [FIRST, SECOND]
+    return settings, early, tracks(settings)
+
+
+def test_the_preferred_edge_is_served_first_and_nothing_of_its_answer_waits(whole: Any) -> None:
+    _, early, late = whole
+    assert set(early) == {FIRST}
+    assert set(late) == {FIRST, SECOND}
+    (solution, track), (later, full) = early[FIRST], late[FIRST]
+    assert solution.preferred
+    assert later == solution
+    assert track.pop("companions_pending")
+    assert track.pop("companions") == {}
+    assert not full["companions_pending"]
+    assert {name: full[name] for name in track} == track
+    assert "models" in late[SECOND][1]["companions"]
+    assert "models" not in full["companions"]
+    for known, fit in late.values():
+        said = read_track(fit)
+        assert said is not None
+        bare = said.model_copy(update={"companions": {}})
+        assert answer_of(bare, ()) == answer_of(said, ()), known
+
+
+def test_a_run_that_was_killed_between_the_steps_is_made_up_for_by_the_next(
+    given: BurstInput, whole: Any, tmp_path: Path
+) -> None:
+    settings = settings_of(tmp_path)
+    begun_at(given, settings)
+    done = process_burst(given, Choice(), settings, "next")
+    assert [one.new for one in done.outcomes] == [False, True]
+    again = tracks(settings)
+    for edge, (solution, track) in whole[2].items():
+        assert again[edge][1] == track
+        assert again[edge][0].store_sha256 == solution.store_sha256
+        assert again[edge][0].solution_id == solution.solution_id
+    assert all(not one.new for one in process_burst(given, Choice(), settings, "third").outcomes)
+
+
+def test_what_another_run_works_on_is_left_to_it(given: BurstInput, whole: Any) -> None:
+    settings = whole[0]
+    with (
+        closing(Catalogue.open(settings.catalogue_url)) as catalogue,
+        catalogue.lease("localise", given.burst.burst_id, "other", 60.0),
+        pytest.raises(BusyError),
+    ):
+        process_burst(given, Choice(), settings, "mine")
+
+
+def test_a_burst_that_no_edge_places_says_why_and_publishes_nothing(given: BurstInput, tmp_path: Path) -> None:
+    done = begin_burst(given, Choice(method="guess"), settings_of(tmp_path), "mine")
+    assert isinstance(done, BurstOutcome)
+    assert "guess" in done.reason
+    assert done.outcomes == ()
