@@ -27,9 +27,9 @@ bursts of 2012-06-07 and 2020-07-21 have 0.17 and 0.13.
 """
 
 SCALE_POWER = 0.75
-"""Errors grow with this power of the rise along a burst. In proportion to the rise (1) they are less likely by 3 and 6 in
-ln L for 2012-06-07 and 2020-07-21, and by 1.7 for a simulated burst (47 of two generators). At 0.5 the likelihood is a
-little larger still, but the errors of 2012-06-07 at high frequencies then leave its half-rise track open."""
+"""Errors grow with this power of the rise along a burst. In proportion to the rise (1) they are less likely by 3 and 6
+in ln L for 2012-06-07 and 2020-07-21, and by 1.7 for a simulated burst (47 of two generators). At 0.5 the likelihood is
+a little larger still, but the errors of 2012-06-07 at high frequencies then leave its half-rise track open."""
 
 SHAPE_LENGTH_LN_F = 0.2
 """Correlation length of the smooth error in ln f. Of 0.1 to 0.5 the two real events prefer it, by 3 to 16 in ln L."""
