@@ -142,6 +142,11 @@ def test_a_kept_figure_of_a_retracted_burst_says_so(reader: TestClient) -> None:
     assert "Retracted burst: timed on &lt;interference&gt;." in kept
 
 
+def test_figures_of_a_selection_say_when_bursts_are_not_real(reader: TestClient) -> None:
+    assert "SIMULATED" not in reader.get("/api/v1/figures/longitude.svg").text
+    assert "SIMULATED DATA" in reader.get("/api/v1/figures/longitude.svg?origin=all").text
+
+
 def test_a_retracted_burst_is_a_tombstone_everywhere(reader: TestClient) -> None:
     own = "/api/v1/bursts/T3-20120607-2100"
     reply = reader.get(own).json()
