@@ -127,7 +127,8 @@ def draw(found: Sequence[Figure], file: Path = PLOT) -> None:
     axes.set(yscale="log", ylabel="time, as a multiple of the first", xlabel="version and commit")
     axes.set_xticks(range(len(commits)), [versions[one] for one in commits])
     axes.legend(fontsize=6, loc="center left", bbox_to_anchor=(1.0, 0.5))
-    figure.savefig(file, metadata={"Date": None})
+    with plt.rc_context({"svg.fonttype": "none", "svg.hashsalt": "bella"}):
+        figure.savefig(file, metadata={"Date": None})
     plt.close(figure)
 
 
