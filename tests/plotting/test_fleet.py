@@ -78,6 +78,9 @@ def test_each_spacecraft_has_a_panel_with_its_own_boxes(tmp_path: Path) -> None:
     (box,) = of_class(root, "box")
     top = float(of_class(root, "no-data")[1].get("y", ""))
     assert float(box.get("y", "")) >= top - 2, "the box is in the panel of its spacecraft"
+    share = np.log(16.0 * 1.05 / 0.5) / np.log(16.0 * 1.05 / (0.4 / 1.05))
+    bottom = float(box.get("y", "")) + float(box.get("height", ""))
+    assert bottom == pytest.approx(top + 150.0 * share + 2, abs=0.5), "and reaches to its lowest frequency"
 
 
 def test_a_box_stands_at_its_time_and_leads_to_its_burst(tmp_path: Path) -> None:
