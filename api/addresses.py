@@ -24,13 +24,13 @@ def day_links(day: date, origin: Origin = Origin.ARCHIVE) -> dict[str, str]:
     """Addresses of everything about a searched day; those of simulated and test data ask for their origin."""
     base = linked(f"{API}/days/{day}")
     asked = {} if origin in REAL_ORIGINS else {"origin": origin.value}
-    heard = urlencode({"start": day, "stop": day + timedelta(days=1), **asked})
+    received = urlencode({"start": day, "stop": day + timedelta(days=1), **asked})
     tail = f"?{urlencode(asked)}" if asked else ""
     return {
         "self": f"{base}{tail}",
         "page": linked(f"/days/{day}{tail}"),
         "figure": f"{base}/figure.svg{tail}",
-        "detections": linked(f"{API}/detections?{heard}"),
+        "detections": linked(f"{API}/detections?{received}"),
     }
 
 

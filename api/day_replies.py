@@ -13,7 +13,7 @@ from bella.records import DayAnswer, Origin
 
 
 class DetectionReply(Reply):
-    """A burst as one spacecraft heard it."""
+    """A burst as one spacecraft received it."""
 
     observatory: str
     start_utc: datetime = Field(description="Onset at the highest frequency.")
@@ -75,18 +75,18 @@ class DayReply(Reply):
 
 
 class DaySummaryReply(Reply):
-    """A searched day with how much was heard on it, in data of one origin."""
+    """A searched day with how much was received on it, in data of one origin."""
 
     day: date
     origin: Origin = Field(description=ORIGIN)
     answer: DayAnswer = Field(description="What can be said of the day.")
     reason: str = Field(description="Why it could not be searched, or which files were left out; mostly empty.")
     observatories: list[str] = Field(description="Spacecraft that had data; the others had none.")
-    detections: int = Field(description="Bursts as single spacecraft heard them.")
+    detections: int = Field(description="Bursts as single spacecraft received them.")
     rejected: int = Field(description="Candidates that were refused.")
-    bursts: int = Field(description="Bursts, each counted once whoever heard it.")
+    bursts: int = Field(description="Bursts, each counted once whoever received it.")
     shared: int = Field(description="Of these, received by two or more spacecraft.")
-    localised: int = Field(description="Of these, placed.")
+    localised: int = Field(description="Of these, those with a position.")
     code_version: str
     links: dict[str, str]
 

@@ -16,8 +16,8 @@ from api.service import Service
 NEVER = (ENDLESS, "/static/", "/status", "/health", "/metrics")
 """Addresses whose replies are of this moment, or are not made of the catalogue."""
 
-FILES = ("/figure", "/posterior.zarr/")
-"""So end, or in this lie, addresses of files that have tags of their own."""
+FILES = ("/figure.", "/posterior.zarr/")
+"""Have in them addresses of files, with tags of their own."""
 
 CONDITIONS = (b"if-none-match", b"if-modified-since")
 """Headers of a request that may make its reply a 304."""
@@ -110,7 +110,7 @@ def _may_be_kept(scope: Scope, asked: Headers) -> bool:
     if scope["type"] != "http" or scope["method"] != "GET":
         return False
     path = own_path(scope)
-    is_file = path.endswith(FILES[0]) or FILES[1] in path
+    is_file = any(one in path for one in FILES)
     is_streamed = b"limit=all" in scope["query_string"]  # sent piece by piece, which are made as they are taken
     return not (path.startswith(NEVER) or is_file or is_streamed or "authorization" in asked or "range" in asked)
 

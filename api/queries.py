@@ -126,7 +126,7 @@ class BurstSelection(OriginChoice):
     updated_since: TimeAsked = Field(
         None, description="Bursts of which something was changed at this UTC time or later.", examples=["2026-01-01"]
     )
-    observatory: Names = Field([], description="Observatories that must all have heard the burst; repeatable.")
+    observatory: Names = Field([], description="Observatories that must all have received the burst; repeatable.")
     grade: Grades = Field([], description="Grades of the answer, such as A or AB; repeatable.", examples=[["A", "B"]])
     tier: Annotated[Tier | None, EMPTY_IS_NONE] = Field(None, description="Tier of the answer.")
     flag: Flags = Field([], description="Quality flags that the answer must all have; repeatable.")

@@ -53,7 +53,7 @@ class Said(Reply):
         description="Whether this is the answer about the burst: see docs/quality-flags.md, grades."
     )
     grade: str = Field(description="A (best) to D (no single answer): see docs/quality-flags.md, grades.")
-    tier: str = Field(description="final, or preliminary where two spacecraft heard the burst.")
+    tier: str = Field(description="final, or preliminary where two spacecraft received the burst.")
     sentence: str = Field(description="The answer in plain words: longitude west or east of Earth, distances, wind.")
 
 

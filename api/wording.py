@@ -35,5 +35,5 @@ def answer_class(answer: DayAnswer) -> str:
 
 
 def reason_words(reason: str) -> str:
-    """Why a burst was not placed, or a candidate refused, for a reader of the page."""
+    """Why a burst was not localised, or a candidate refused, for a reader of the page."""
     return reason.removeprefix("not localisable: ").replace("_", " ").replace(" mhz", " MHz")

@@ -209,7 +209,7 @@ def read_arrivals(path: str | Path) -> Arrivals:
     InputError
         Names the row and column that is wrong.
     """
-    return Arrivals(read_arrival_file(Path(path), heard_by=FEWEST_FOR_TRACK))
+    return Arrivals(read_arrival_file(Path(path), received_by=FEWEST_FOR_TRACK))
 
 
 def localise(table: "Arrivals | pd.DataFrame | Table | Mapping[str, Any] | str | Path", **choices: Any) -> Localisation:
@@ -274,7 +274,7 @@ def fit_track(
 
     given = _arrivals(table, FEWEST_FOR_TRACK)
     chosen = find_preset(preset)
-    grid = arrival_grid(locate_receivers(given.frame), heard_by=1, covariance_s2=given.covariance_s2)
+    grid = arrival_grid(locate_receivers(given.frame), received_by=1, covariance_s2=given.covariance_s2)
     grid = apply_sigma_rule(grid, chosen)
     if len(grid.observatories) < MIN_OBSERVATORIES:
         return FittedTrack(fit_preliminary(grid), xr.Dataset())
@@ -377,12 +377,12 @@ def _moment(around: "str | np.datetime64 | Time") -> np.datetime64:
         raise InputError(f"around: {around!r} is not a time; write UTC as 2012-06-07T19:30:00") from error
 
 
-def _arrivals(table: Any, heard_by: int) -> Arrivals:
+def _arrivals(table: Any, received_by: int) -> Arrivals:
     if isinstance(table, Arrivals):
-        return Arrivals(check_arrivals(table.frame, heard_by=heard_by), table.covariance_s2)
+        return Arrivals(check_arrivals(table.frame, received_by=received_by), table.covariance_s2)
     if isinstance(table, str | Path):
-        return Arrivals(read_arrival_file(Path(table), heard_by=heard_by))
-    return Arrivals(check_arrivals(arrival_frame(table), heard_by=heard_by))
+        return Arrivals(read_arrival_file(Path(table), received_by=received_by))
+    return Arrivals(check_arrivals(arrival_frame(table), received_by=received_by))
 
 
 def _table(schema: Any, frame: pd.DataFrame) -> RecordTable:

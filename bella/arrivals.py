@@ -173,13 +173,13 @@ def evenly_spread(frequency_mhz: FloatArray, most: int) -> IntArray:
     return np.unique(np.abs(log[:, None] - wanted).argmin(axis=0))
 
 
-def read_arrivals(path: Path, heard_by: int = MIN_OBSERVATORIES) -> pd.DataFrame:
+def read_arrivals(path: Path, received_by: int = MIN_OBSERVATORIES) -> pd.DataFrame:
     """Read and check an arrival table from a CSV file.
 
     Parameters
     ----------
     path : Path
-    heard_by : int
+    received_by : int
         So many observatories there must be.
 
     Returns
@@ -192,7 +192,7 @@ def read_arrivals(path: Path, heard_by: int = MIN_OBSERVATORIES) -> pd.DataFrame
     InputError
         If the file cannot be read, or names the row and column that is wrong.
     """
-    return check_arrivals(parse_table(read_table_text(path), str(path)), source=str(path), heard_by=heard_by)
+    return check_arrivals(parse_table(read_table_text(path), str(path)), source=str(path), received_by=received_by)
 
 
 def parse_arrivals(text: str, *, source: str = "arrival table") -> pd.DataFrame:
@@ -218,7 +218,7 @@ def parse_arrivals(text: str, *, source: str = "arrival table") -> pd.DataFrame:
 
 
 def check_arrivals(
-    frame: pd.DataFrame, *, source: str = "arrival table", heard_by: int = MIN_OBSERVATORIES
+    frame: pd.DataFrame, *, source: str = "arrival table", received_by: int = MIN_OBSERVATORIES
 ) -> pd.DataFrame:
     """Check an arrival table and give its columns their types.
 
@@ -228,7 +228,7 @@ def check_arrivals(
         At least the columns `REQUIRED`; text or typed.
     source : str
         What the table is called in error messages.
-    heard_by : int
+    received_by : int
         So many observatories there must be.
 
     Returns
@@ -265,7 +265,7 @@ def check_arrivals(
     table.attrs = {SHAPE_LENGTH: _shape_length(frame, source)}
     table["observatory"] = _known_names(table, source)
     _check_rows_agree(table, source)
-    _check_observatories(table, source, heard_by)
+    _check_observatories(table, source, received_by)
     return table
 
 
@@ -415,7 +415,7 @@ def arrival_grid(
     frame: pd.DataFrame,
     *,
     source: str = "arrival table",
-    heard_by: int = MIN_OBSERVATORIES,
+    received_by: int = MIN_OBSERVATORIES,
     covariance_s2: FloatArray | None = None,
 ) -> ArrivalGrid:
     """Arrange a located arrival table on frequencies x observatories.
@@ -426,7 +426,7 @@ def arrival_grid(
         As :func:`locate_receivers` returns it.
     source : str
         What the table is called in error messages.
-    heard_by : int
+    received_by : int
         Frequencies of fewer observatories are left out.
     covariance_s2 : ndarray, shape (N, N), optional
         Full covariance of the rows of the table.
@@ -457,10 +457,10 @@ def arrival_grid(
         shape_length_ln_f=frame.attrs.get(SHAPE_LENGTH, SHAPE_LENGTH_LN_F),
         measured_s2=None if covariance_s2 is None else _spread_pairs(covariance_s2, row, column, names),
     )
-    enough = np.isfinite(grid.arrival_s).sum(axis=1) >= heard_by
+    enough = np.isfinite(grid.arrival_s).sum(axis=1) >= received_by
     if not enough.any():
         raise InputError(
-            f"{source}: no frequency has arrival times of {heard_by} observatories; "
+            f"{source}: no frequency has arrival times of {received_by} observatories; "
             "put the arrival times of all spacecraft on common frequencies"
         )
     return grid.take(enough)
@@ -596,9 +596,9 @@ def _is_plain(name: str) -> bool:
     return name[:1].isalnum() and name.isprintable()
 
 
-def _check_observatories(table: pd.DataFrame, source: str, heard_by: int) -> None:
+def _check_observatories(table: pd.DataFrame, source: str, received_by: int) -> None:
     names = sorted(set(table["observatory"]))
-    if len(names) < heard_by:
+    if len(names) < received_by:
         raise InputError(
-            f"{source}: column observatory: only {', '.join(names)}; timing needs {heard_by} or more spacecraft"
+            f"{source}: column observatory: only {', '.join(names)}; timing needs {received_by} or more spacecraft"
         )

@@ -278,7 +278,7 @@ class Track(Record):
         default=False, description="Whether `companions` are still being computed: they follow under the same id."
     )
     preliminary: PreliminaryLevel | None = Field(
-        default=None, description="Of a burst that only two spacecraft had heard before: how well that held."
+        default=None, description="Of a burst that only two spacecraft had received before: how well that held."
     )
 
 

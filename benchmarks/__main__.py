@@ -15,7 +15,7 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 from rich.console import Console
 from rich.table import Table
 
-from benchmarks import detection, edges, solar_wind, spectra, tracks
+from benchmarks import day, detection, edges, history, solar_wind, spectra, tracks
 from benchmarks.localisation import engines
 
 IMPORTS = {"bella": "500 ms", "bella.cli": "500 ms", "bella.multilateration": ""}
@@ -55,11 +55,14 @@ def main() -> None:
     table = Table(title=f"Python {platform.python_version()}, {os.cpu_count()} cores, {platform.machine()}")
     for name in ("what", "measured", "target"):
         table.add_column(name, justify="left" if name == "what" else "right")
-    rooms = (spectra, edges, detection, solar_wind)
+    rooms = (spectra, edges, detection, solar_wind, day)
     measured = (row for room in rooms for row in room.rows())
-    for row in (*engines(), *tracks.engines(), *measured, *commands()):
+    rows = [*engines(), *tracks.engines(), *measured, *commands()]
+    for row in rows:
         table.add_row(*row)
     Console(width=100).print(table)
+    for line in history.note(rows):
+        print(line)
 
 
 if __name__ == "__main__":

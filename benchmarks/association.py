@@ -1,4 +1,4 @@
-"""Whether spacecraft that are said to have heard the same burst did: four spacecraft, simulated days."""
+"""Whether spacecraft that are said to have received the same burst did: four spacecraft, simulated days."""
 
 from dataclasses import dataclass
 from datetime import date, timedelta
@@ -52,12 +52,12 @@ def origin(member: Member, sky: Sky) -> int:
 
 
 def _apart_s(burst: SimulatedBurst, name: str, frequency_mhz: np.ndarray, start: np.ndarray) -> float:
-    """Median distance of onsets from the arrival of a burst, s; infinite where it is not heard in half of them."""
-    heard = contrast_at(burst, frequency_mhz, name) > AUDIBLE
-    if np.count_nonzero(heard) < 0.5 * heard.size:
+    """Median distance of onsets from the arrival of a burst, s; infinite where it is not received in half of them."""
+    received = contrast_at(burst, frequency_mhz, name) > AUDIBLE
+    if np.count_nonzero(received) < 0.5 * received.size:
         return np.inf
-    after_s = (start[heard] - burst.release_utc) / np.timedelta64(1, "s")
-    return float(np.median(np.abs(after_s - arrival_s(burst, frequency_mhz[heard], name))))
+    after_s = (start[received] - burst.release_utc) / np.timedelta64(1, "s")
+    return float(np.median(np.abs(after_s - arrival_s(burst, frequency_mhz[received], name))))
 
 
 def add_day(tally: Tally, sky: Sky, bursts: list[AssociatedBurst]) -> None:

@@ -41,7 +41,7 @@ ALONE_S = (20 * 60.0, 30 * 60.0)
 
 
 @dataclass
-class Heard:
+class Received:
     """A burst as one spacecraft hears it."""
 
     start_s: float
@@ -103,22 +103,22 @@ def without(spectrum: xr.Dataset) -> xr.Dataset:
     return spectrum.drop_vars(["sample_time", "sample_offset_s"], errors="ignore")
 
 
-def heard(burst: SimulatedBurst, observatory: str, midnight: np.datetime64) -> Heard:
+def received(burst: SimulatedBurst, observatory: str, midnight: np.datetime64) -> Received:
     """When and how widely a spacecraft hears a burst."""
     seen = contrast_at(burst, FREQUENCY_MHZ, observatory) >= LEAST_CONTRAST
     released_s = (burst.release_utc - midnight) / np.timedelta64(1, "s")
     if not seen.any():
-        return Heard(released_s + 500, 0, counts=False)
+        return Received(released_s + 500, 0, counts=False)
     highest = FREQUENCY_MHZ[seen][-1:]
     start_s = float(released_s + arrival_s(burst, highest, observatory)[0])
-    return Heard(start_s, int(seen.sum()), counts=int(seen.sum()) >= LEAST_CHANNELS)
+    return Received(start_s, int(seen.sum()), counts=int(seen.sum()) >= LEAST_CHANNELS)
 
 
-def truths(sky: Sky, observatory: str) -> list[Heard]:
+def truths(sky: Sky, observatory: str) -> list[Received]:
     """Every burst of a day as a spacecraft hears it."""
     midnight = np.datetime64(sky.day, "ns")
-    bursts = [heard(burst, observatory, midnight) for burst in sky.bursts]
-    storm = [heard(burst, observatory, midnight) for burst in sky.storm]
+    bursts = [received(burst, observatory, midnight) for burst in sky.bursts]
+    storm = [received(burst, observatory, midnight) for burst in sky.storm]
     gaps = sky.conditions[observatory].gaps_s
     for one in bursts:
         in_gap = any(start - 600 < one.start_s < stop + 300 for start, stop in gaps)
@@ -134,7 +134,7 @@ def truths(sky: Sky, observatory: str) -> list[Heard]:
     return bursts + storm
 
 
-def add_day(score: Score, spectrum: xr.Dataset, truth: list[Heard], midnight: np.datetime64) -> pd.DataFrame:
+def add_day(score: Score, spectrum: xr.Dataset, truth: list[Received], midnight: np.datetime64) -> pd.DataFrame:
     """Score the detections of a spacecraft-day; returns those that are false."""
     found = detect_bursts(spectrum)
     found = found[found["tier"] == "catalogued"]

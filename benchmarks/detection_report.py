@@ -92,7 +92,7 @@ def association_lines(rows: Iterable[Counts]) -> Iterator[str]:
     """Lines of the table of the fleet, in Markdown."""
     tally = total(rows)
     yield f"| bursts called localisable | {tally.groups} |"
-    yield f"| three of their spacecraft or more heard one and the same burst | {tally.right / tally.groups:.3f} |"
+    yield f"| three of their spacecraft or more received one and the same burst | {tally.right / tally.groups:.3f} |"
     yield f"| detections in them that are of that burst | {tally.pure / tally.members:.3f} |"
     yield f"| isolated and broad at three spacecraft, and localisable | {tally.placed} of {tally.could} |"
 

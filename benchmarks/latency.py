@@ -12,7 +12,7 @@ import signal
 import statistics
 import tempfile
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from contextlib import closing
 from datetime import UTC, date, datetime, timedelta
 from pathlib import Path
@@ -22,6 +22,11 @@ import httpx
 import numpy as np
 
 from bella.catalogue import Catalogue
+from bella.pipeline.burst import Choice, finish_burst
+from bella.pipeline.day import search_day
+from bella.pipeline.day_files import Mirror
+from bella.pipeline.run import begin_found
+from bella.pipeline.workers import prepare
 from bella.records import Origin
 from bella.settings import Settings
 from benchmarks.replay import DAY, Plan, simulate
@@ -96,6 +101,40 @@ def measure(days: int, backfill: int, folder: Path) -> dict[str, Any]:
     return {name: _summary(values) for name, values in found.items()}
 
 
+def steps_cpu_s(folder: Path) -> dict[str, float]:
+    """CPU time of each step of one day that is processed after another, s: says something on a busy machine too.
+
+    Parameters
+    ----------
+    folder : pathlib.Path
+        Empty; everything is written there.
+
+    Returns
+    -------
+    dict of str to float
+        By step.
+    """
+    plan = Plan(2, 0, 1, datasets=DATASETS, first=LAST_DAY - DAY)
+    written, settings = simulate(folder / "simulated", plan), Settings(home=folder / "home")
+    prepare(settings)
+    for day in plan.all_days:
+        found: dict[str, float] = {}
+        arrive([path for _, path in written[day]], folder / "simulated", settings.mirror_root)
+        files = Mirror(settings).day(day)
+        searched = _timed(found, "search", search_day, files, ())
+        (burst,) = [one for one in searched.bursts if one.edges]
+        begun = _timed(found, "first solution", begin_found, files, burst, Choice(), settings, "cpu")
+        _timed(found, "other edges, comparisons, figures", finish_burst, begun, settings, "cpu")
+    return found
+
+
+def _timed(found: dict[str, float], name: str, function: Callable[..., Any], *arguments: Any) -> Any:
+    begin = time.process_time()
+    result = function(*arguments)
+    found[name] = round(time.process_time() - begin, 1)
+    return result
+
+
 def _summary(values: Sequence[float | None]) -> dict[str, Any]:
     served = [one for one in values if one is not None]
     found: dict[str, Any] = {"days": len(values), "with a track": len(served)}
@@ -110,10 +149,13 @@ def main() -> None:
     parser = argparse.ArgumentParser(prog="python -m benchmarks.latency", description=__doc__)
     parser.add_argument("--days", type=int, default=10, help="days measured, quiet and beside a backfill")
     parser.add_argument("--backfill", type=int, default=30, help="days of the backfill")
+    parser.add_argument("--cpu", action="store_true", help="only the CPU time of each step of a day")
     given = parser.parse_args()
     signal.signal(signal.SIGTERM, signal.default_int_handler)  # the services end with it
     with tempfile.TemporaryDirectory(prefix="bella-latency-", ignore_cleanup_errors=True) as folder:
-        print(json.dumps(measure(given.days, given.backfill, Path(folder)), indent=1))
+        place = Path(folder)
+        found = steps_cpu_s(place) if given.cpu else measure(given.days, given.backfill, place)
+        print(json.dumps(found, indent=1))
 
 
 if __name__ == "__main__":

@@ -27,7 +27,9 @@ from rich.console import Console
 from rich.table import Table
 
 from bella.settings import Settings
+from benchmarks import history
 from benchmarks.large_catalogue import LOCALISATIONS, SERIES, Large, fill, make_template
+from benchmarks.localisation import Row
 from benchmarks.services import Services
 
 RATE_HZ, REQUESTS, ALONE = 100.0, 6000, 60
@@ -127,7 +129,7 @@ def kinds(made: Large) -> list[Kind]:
         Kind("page: burst", 5, _burst("", "/bursts/")),
         Kind("page: day", 3, lambda rng: f"/days/{rng.choice(made.days)}"),
         Kind("page: days", 1, _one_of("/days")),
-        Kind("figure", 2, _burst("/figures/constellation")),
+        Kind("figure", 2, _burst("/figures/constellation.svg")),
         Kind("static file", 10, _one_of(*STATIC)),
         Kind("static file, known", 4, _one_of(*STATIC), is_known=True),
     ]
@@ -193,10 +195,11 @@ def alone(service: Served, some: Sequence[Kind], number: int, seed: int) -> dict
 
 @dataclass
 class Mixed:
-    """What became of requests of all kinds: latencies of each kind, s, and how many were lost."""
+    """What became of requests of all kinds: latencies of each kind, s, how many were not sent, and not answered."""
 
     latencies_s: dict[str, list[float]]
     lost: int
+    refused: int
     cpu_ms: float
     own_cpu_ms: float
 
@@ -204,13 +207,14 @@ class Mixed:
 async def mixed(service: Served, some: Sequence[Kind], requests: int, rate_hz: float, seed: int) -> Mixed:
     """Send requests at a fixed rate, each when its time has come, whatever became of those before."""
     rng, latencies, lost = random.Random(seed), {one.name: [] for one in some}, 0
+    refused = 0
     tags: dict[str, str] = {}
     waiting: set[asyncio.Task[None]] = set()
     limits = httpx.Limits(max_connections=200, max_keepalive_connections=50)
     async with httpx.AsyncClient(base_url=service.url, timeout=TIMEOUT_S, trust_env=False, limits=limits) as client:
 
         async def _ask(kind: Kind, due_s: float) -> None:
-            nonlocal lost
+            nonlocal refused
             address = kind.address(rng)
             headers = {"If-None-Match": tags[address]} if kind.is_known and address in tags else {}
             try:
@@ -219,7 +223,7 @@ async def mixed(service: Served, some: Sequence[Kind], requests: int, rate_hz: f
                 tags.setdefault(address, reply.headers.get("etag", ""))
             except httpx.HTTPError:
                 good = False
-            lost += not good
+            refused += not good
             latencies[kind.name].append(time.perf_counter() - due_s)
 
         begin, begin_s, own_s = time.perf_counter(), service.cpu_s(), time.process_time()
@@ -234,11 +238,11 @@ async def mixed(service: Served, some: Sequence[Kind], requests: int, rate_hz: f
             task.add_done_callback(waiting.discard)
         await asyncio.gather(*waiting)
     used = service.cpu_s() - begin_s
-    return Mixed(latencies, lost, 1e3 * used / requests, 1e3 * (time.process_time() - own_s) / requests)
+    return Mixed(latencies, lost, refused, 1e3 * used / requests, 1e3 * (time.process_time() - own_s) / requests)
 
 
-def report(name: str, some: Sequence[Kind], cpu: dict[str, tuple[float, float, float]], found: Mixed) -> None:
-    """Print what was measured on one database."""
+def report(name: str, some: Sequence[Kind], cpu: dict[str, tuple[float, float, float]], found: Mixed) -> list[Row]:
+    """Print what was measured on one database; rows for the history of all figures."""
     table = Table(title=name)
     columns = ("request", "share", "CPU, ms", "alone, ms", "kB", "p50, ms", "p99, ms")
     for column in columns:
@@ -256,11 +260,13 @@ def report(name: str, some: Sequence[Kind], cpu: dict[str, tuple[float, float, f
         "all", f"{whole}", f"{mean_ms:.1f}", "", "", *(f"{one:.1f}" for one in np.percentile(times, (50, 99)))
     )
     Console(width=110).print(table)
-    asked = times.size
+    asked = times.size + found.lost
+    answered = 100 * (1 - (found.lost + found.refused) / asked)
     print(
-        f"{name}: {asked} requests, {100 * (1 - found.lost / asked):.2f} % answered; CPU of the service "
+        f"{name}: {asked} requests, {answered:.2f} % answered; CPU of the service "
         f"{found.cpu_ms:.1f} ms a request, of this generator {found.own_cpu_ms:.1f} ms"
     )
+    return [(f"API on {name}: CPU of a request of the mix", f"{mean_ms:.1f} ms", "8 ms")]
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
@@ -274,6 +280,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser.add_argument("--template", type=Path, help="home that a run of the built-in event has filled")
     parser.add_argument("--only", default="", help="kinds whose names hold this text")
     parser.add_argument("--seed", type=int, default=1)
+    parser.add_argument("--note", action="store_true", help="add the mean CPU time to benchmarks/history.csv")
     given = parser.parse_args(arguments)
     signal.signal(signal.SIGTERM, signal.default_int_handler)  # the services end with it
     folder = Path(tempfile.mkdtemp(prefix="bella-load-"))
@@ -286,7 +293,9 @@ def main(arguments: Sequence[str] | None = None) -> None:
                 some = [one for one in kinds(made) if given.only in one.name]
                 cpu = alone(service, some, given.alone, given.seed)
                 found = asyncio.run(mixed(service, some, given.requests, given.rate, given.seed))
-                report(name, some, cpu, found)
+                rows = report(name, some, cpu, found)
+                if given.note:
+                    print(*history.note(rows), sep="\n")
             shutil.rmtree(folder / name)
     finally:
         shutil.rmtree(folder, ignore_errors=True)

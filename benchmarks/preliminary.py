@@ -110,10 +110,10 @@ def simulated(seed: int, separation_deg: float) -> tuple[Truth, ArrivalGrid]:
         utc = EPOCH + np.rint(arrival * 1e9).astype("timedelta64[ns]")
         named = {"observatory": craft, "frequency_mhz": frequency, "arrival_utc": utc, "sigma_s": sigma}
         tables.append(pd.DataFrame(named | {"edge": "half_rise"} | place))
-    table = check_arrivals(pd.concat(tables, ignore_index=True), heard_by=2)
+    table = check_arrivals(pd.concat(tables, ignore_index=True), received_by=2)
     at = float(np.interp(-0.5, -emitted_mhz, r))
     truth = Truth(float(np.degrees(phi0)), at, float(np.degrees(phi0 - turn * (at - 1.0))), name)
-    return truth, arrival_grid(table, heard_by=1)
+    return truth, arrival_grid(table, received_by=1)
 
 
 def right_side(truth: Truth, track: JointTrack) -> bool:

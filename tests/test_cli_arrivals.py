@@ -10,6 +10,7 @@ from typer.testing import CliRunner, Result
 from bella.arrivals import read_arrivals, read_covariance
 from bella.cli import app
 from bella.spectra import event_spectra
+from tests.plotting.reading import of_class, parsed, points
 
 AROUND = "2012-06-07T19:30"
 
@@ -74,10 +75,19 @@ def test_figures_are_drawn(files: list[str], tmp_path: Path) -> None:
 
     assert result.exit_code == 0, result.output
     assert {path.name for path in (tmp_path / "figures").iterdir()} == {
-        "aligned.png",
+        "aligned.svg",
         "light_curves.png",
         "shared_profile.png",
     }
+    root = parsed((tmp_path / "figures" / "aligned.svg").read_text())
+    (drawn,) = of_class(root, "spectra")
+    first, last = map(float, drawn.get("data-time").split(","))
+    left, right = map(float, drawn.get("data-across").split(","))
+    lines = of_class(root, "edge-line edge-shared_profile")
+    begins = [first + (points(one)[:, 0].min() - left) / (right - left) * (last - first) for one in lines]
+    table = pd.read_csv(tmp_path / "a.csv", comment="#", parse_dates=["arrival_utc"])
+    received = table["arrival_utc"].min().timestamp()
+    assert all(300.0 < received - begin < 700.0 for begin in begins), "earlier by the light time from the Sun"
 
 
 @pytest.mark.parametrize(

@@ -97,7 +97,11 @@ def test_figures_of_the_days(tmp_path: Path, spectra: dict[str, Path]) -> None:
     result = detect(spectra["WIND"], "--output", tmp_path / "found.csv", "--figures", tmp_path / "days")
 
     assert result.exit_code == 0, result.output
-    assert (tmp_path / "days" / "WIND.png").read_bytes().startswith(b"\x89PNG")
+    (path,) = (tmp_path / "days").iterdir()
+    drawn = path.read_text()
+    assert path.stem in drawn
+    assert drawn.count('class="box') >= len(pd.read_csv(tmp_path / "found.csv")) > 0
+    assert drawn.endswith("</svg>")
 
 
 @pytest.mark.parametrize("keep", [0, 100, 0.5])

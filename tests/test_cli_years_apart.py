@@ -42,7 +42,7 @@ def test_they_are_searched_in_pieces(files: list[str], tmp_path: Path) -> None:
 
     assert done.returncode == 0, done.stderr
     assert done.stdout.splitlines()[-1] == "no burst found"
-    assert sorted(path.name for path in (tmp_path / "figures").iterdir()) == ["WIND-19990607.png", "WIND-20180118.png"]
+    assert sorted(path.name for path in (tmp_path / "figures").iterdir()) == ["1999-06-07.svg", "2018-01-18.svg"]
 
 
 def test_edges_are_read_in_the_piece_of_their_time(files: list[str], tmp_path: Path) -> None:

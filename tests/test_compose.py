@@ -69,6 +69,8 @@ def test_client_accepts_more_machines_beside_it() -> None:
     for name in ("scheduler", "compute"):
         assert merged[name]["image"] == merged["worker"]["image"]
         assert (merged[name]["read_only"], merged[name]["cap_drop"]) == (True, ["ALL"])
+        assert merged[name]["security_opt"] == ["no-new-privileges:true"]
+        assert merged[name]["user"] == merged["worker"]["user"]
         assert list(merged[name]["networks"]) == ["inside"]
         assert find_spec(merged[name]["command"][2]) is not None
     compute = yaml.safe_load(SCALE.read_text(encoding="utf-8"))["services"]["compute"]

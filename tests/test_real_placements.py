@@ -43,14 +43,14 @@ TABLE_LONGITUDE_DEG = np.array([31.0, 23.0, 15.0, 12.0, 10.0, 9.0, 11.0, 17.0])
 """Track of 2012-06-07 from half of what the published figure shows, Wind's amplitudes too (independent reduction)."""
 
 
-class Heard(NamedTuple):
+class Received(NamedTuple):
     """A day at several spacecraft."""
 
     spectra: dict[str, xr.Dataset]
     bursts: dict[str, AssociatedBurst]
 
     def timed(self, burst_id: str, edge: str = "half_rise") -> TimedBurst:
-        """The burst at all spacecraft that heard it."""
+        """The burst at all spacecraft that received it."""
         members = self.bursts[burst_id].members
         return time_burst([burst_spectrum(member.searched, member.candidate) for member in members], edge)
 
@@ -59,22 +59,22 @@ class Heard(NamedTuple):
         return arrival_table(self.timed(burst_id, edge), frequency_mhz)
 
 
-def heard(*spectra: xr.Dataset) -> Heard:
+def received(*spectra: xr.Dataset) -> Received:
     by_name = {str(one.attrs["observatory"]): one for one in spectra}
     bursts = associate([search(one) for one in spectra])
-    return Heard(by_name, {burst.burst_id: burst for burst in bursts})
+    return Received(by_name, {burst.burst_id: burst for burst in bursts})
 
 
 @pytest.fixture(scope="module")
-def day_2020(reference_files: Path) -> Heard:
+def day_2020(reference_files: Path) -> Received:
     """2020-07-21 at Wind, STEREO-A and PSP."""
-    return heard(*(one(reference_files) for one in (real_day_2020.wind, real_day_2020.stereo_a, real_day_2020.psp)))
+    return received(*(one(reference_files) for one in (real_day_2020.wind, real_day_2020.stereo_a, real_day_2020.psp)))
 
 
 @pytest.fixture(scope="module")
-def event_2012() -> Heard:
+def event_2012() -> Received:
     """The built-in event."""
-    return heard(*(event_spectra()[name].to_dataset() for name in EVENT.observatories))
+    return received(*(event_spectra()[name].to_dataset() for name in EVENT.observatories))
 
 
 def placed(arrivals: pd.DataFrame) -> tuple[np.ndarray, np.ndarray]:
@@ -108,7 +108,7 @@ def scatter_s(edges: pd.DataFrame) -> tuple[int, float]:
     return len(good), float(np.sqrt(np.mean((arrival_s - curve.arrival_s(frequency_mhz)) ** 2)))
 
 
-def test_what_wind_interpolated_is_told_without_the_flag_of_the_archive(day_2020: Heard) -> None:
+def test_what_wind_interpolated_is_told_without_the_flag_of_the_archive(day_2020: Received) -> None:
     wind = day_2020.spectra["WIND"]
     rad1 = wind.isel(frequency=wind["frequency"].to_numpy() < 1.05)
 
@@ -117,7 +117,7 @@ def test_what_wind_interpolated_is_told_without_the_flag_of_the_archive(day_2020
 
 
 @pytest.mark.parametrize("burst_id", ["T3-20200721-0253", "T3-20200721-0703"])
-def test_wind_scatters_less_at_the_times_of_its_visits(day_2020: Heard, burst_id: str) -> None:
+def test_wind_scatters_less_at_the_times_of_its_visits(day_2020: Received, burst_id: str) -> None:
     (member,) = [one for one in day_2020.bursts[burst_id].members if one.searched.observatory == "WIND"]
     over = member.searched.over
     stamped = member.searched._replace(over=over.drop_vars("sample_time"))
@@ -127,7 +127,7 @@ def test_wind_scatters_less_at_the_times_of_its_visits(day_2020: Heard, burst_id
     assert scatter_s(edges)[0] >= scatter_s(of_minutes)[0] - 2
 
 
-def test_the_burst_of_02_54_runs_out_on_the_far_side(day_2020: Heard) -> None:
+def test_the_burst_of_02_54_runs_out_on_the_far_side(day_2020: Received) -> None:
     """Earlier by hand: 19 to 77 solar radii, 171 to 148 degrees."""
     timed = day_2020.timed("T3-20200721-0253", "shared_profile")
     range_rsun, longitude_deg = placed(arrival_table(timed, np.geomspace(0.34, 2.0, 6)))
@@ -138,7 +138,7 @@ def test_the_burst_of_02_54_runs_out_on_the_far_side(day_2020: Heard) -> None:
 
 
 @pytest.mark.parametrize("edge", ["shared_profile", "half_rise"])
-def test_one_spiral_through_the_burst_of_02_54(day_2020: Heard, edge: str) -> None:
+def test_one_spiral_through_the_burst_of_02_54(day_2020: Received, edge: str) -> None:
     """SEMP places it at 184 degrees with Solar Orbiter (Zhang et al. 2019), a prototype of this fit at 171 to 180."""
     fit = joint_of(day_2020.arrivals("T3-20200721-0253", edge, TRACK_MHZ))
     away = ((fit.phi0_deg.q50 or 0.0) - 175.0 + 180.0) % 360.0 - 180.0
@@ -148,7 +148,7 @@ def test_one_spiral_through_the_burst_of_02_54(day_2020: Heard, edge: str) -> No
     assert 250.0 < (fit.v_sw_km_s.q50 or 0.0) < 700.0
 
 
-def test_the_burst_of_06_20_is_not_offered_as_placed(day_2020: Heard) -> None:
+def test_the_burst_of_06_20_is_not_offered_as_placed(day_2020: Received) -> None:
     burst = day_2020.bursts["T3-20200721-0623"]
 
     assert burst.reason == "not localisable: group"
@@ -158,7 +158,7 @@ def test_the_burst_of_06_20_is_not_offered_as_placed(day_2020: Heard) -> None:
 
 @pytest.mark.parametrize(("method", "least_deg"), [("half_rise", 20.0), ("half_maximum", 25.0)])
 def test_placed_all_the_same_it_is_on_the_far_side_and_known_badly(
-    day_2020: Heard, method: str, least_deg: float
+    day_2020: Received, method: str, least_deg: float
 ) -> None:
     """All three spacecraft are on one side of it, within 90 degrees."""
     beside_deg = longitudes_beside(day_2020.arrivals("T3-20200721-0623", method, SHALLOW_MHZ), FAR_SIDE_DEG)
@@ -171,7 +171,7 @@ def test_placed_all_the_same_it_is_on_the_far_side_and_known_badly(
 
 
 @pytest.mark.parametrize("edge", ["half_rise", "half_maximum"])
-def test_one_spiral_through_the_group_of_06_20_is_flagged(day_2020: Heard, edge: str) -> None:
+def test_one_spiral_through_the_group_of_06_20_is_flagged(day_2020: Received, edge: str) -> None:
     fit = joint_of(day_2020.arrivals("T3-20200721-0623", edge, TRACK_MHZ))
 
     assert {"poor_fit", "components_differ", "edges_differ", "several_tracks", "beam_speed_unlikely"} & set(fit.flags)
@@ -180,7 +180,7 @@ def test_one_spiral_through_the_group_of_06_20_is_flagged(day_2020: Heard, edge:
 # 2012-06-07
 
 
-def test_the_event_of_2012_is_one_localisable_burst(event_2012: Heard) -> None:
+def test_the_event_of_2012_is_one_localisable_burst(event_2012: Received) -> None:
     (burst,) = event_2012.bursts.values()
 
     assert burst.tier == LOCALISABLE
@@ -206,7 +206,7 @@ def test_half_of_what_the_figure_shows_gives_the_track_of_an_independent_reducti
     np.testing.assert_allclose(longitude_deg[2:7], TABLE_LONGITUDE_DEG[2:7], atol=3.0)
 
 
-def test_the_chain_places_the_event_where_its_half_maxima_do(event_2012: Heard) -> None:
+def test_the_chain_places_the_event_where_its_half_maxima_do(event_2012: Received) -> None:
     (burst_id,) = event_2012.bursts
     timed = event_2012.timed(burst_id, "half_maximum")
     frequency_mhz = TABLE_MHZ[1:]
@@ -259,7 +259,7 @@ def test_the_track_of_the_paper_lies_apart_by_what_its_edges_are_earlier() -> No
 def test_readers_and_search_agree_on_2010_01_17(reference_files: Path) -> None:
     rad1, rad2, _ = open_spectra(reference_files / "semp/wi_h1_wav_20100117_v01.cdf")
     stereo = open_spectra(reference_files / "semp/stereo_level2_swaves_20100117_v01.cdf")
-    day = heard(combine_receivers(rad1, rad2), *stereo)
+    day = received(combine_receivers(rad1, rad2), *stereo)
     group = [one for name, one in day.bursts.items() if name in {"T3-20100117-0357", "T3-20100117-0358"}]
 
     assert {one.reason for one in group} == {"not localisable: group"}

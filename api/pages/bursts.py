@@ -1,6 +1,7 @@
 """The list of bursts: each with its answer and a small picture of its track, and a form that writes the query."""
 
 from collections.abc import Sequence
+from datetime import UTC, date, datetime, timedelta
 from typing import Any
 from urllib.parse import urlencode
 
@@ -50,6 +51,8 @@ NUMBERS = {
 FARTHEST = 1.3
 """Of the answer: positions farther out are of channels that say nothing."""
 
+RECENT_DAYS = (7, 30, 365)
+
 MOST_PICTURES = 200
 """Beyond so many rows a list has no pictures of tracks."""
 
@@ -79,6 +82,7 @@ def list_page(request: Request, catalogue: CatalogueHere) -> HTMLResponse:
         is_empty=page is not None and page.total == 0 and catalogue.bursts(BurstQuery(limit=1)).total == 0,
         observatories=list(dict.fromkeys([*OBSERVATORIES, *asked.get("observatory", [])])),
         flags=FLAGS,
+        recent=_recent(),
         sorts=SORTS,
         numbers=NUMBERS,
         more=any(asked.get(f"{name}_{end}") for name in NUMBERS for end in ("min", "max")),
@@ -109,6 +113,12 @@ def _answer(catalogue: Catalogue, asked: dict[str, Any]) -> tuple[BurstPage | No
         return catalogue.bursts(BurstFilter.model_validate(asked).query()), None
     except (InputError, ValidationError) as error:
         return None, fault_words(error)
+
+
+def _recent() -> list[tuple[int, date]]:
+    """Lengths of time until today, each with its first day."""
+    today = datetime.now(UTC).date()
+    return [(days, today - timedelta(days=days)) for days in RECENT_DAYS]
 
 
 def _plots(catalogue: Catalogue, asked: dict[str, Any]) -> dict[str, Any]:

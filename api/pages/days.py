@@ -1,9 +1,11 @@
 """Time: searched days from years to hours on one calendar, and the page of a day with all that was found on it."""
 
+import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 from datetime import UTC, date, datetime, time, timedelta
 from itertools import groupby
+from pathlib import Path
 from typing import Any
 
 from fastapi import APIRouter, Request
@@ -35,6 +37,9 @@ MOST_STRIPS = 31
 """So many days or fewer are shown by the hour, more by the day."""
 
 MOST_ONSETS = 5000
+
+BURSTS_PER_PART = 200
+"""So many bursts of a day, with what each spacecraft received, are shown together; so many rejected ones at most."""
 
 
 @dataclass(frozen=True)
@@ -133,6 +138,9 @@ def day_page(request: Request, day: str, service: ServiceHere, catalogue: Catalo
     month = wanted.replace(day=1)
     links = day_links(wanted, origins[0])
     figure, _, tail = links["figure"].partition("?")
+    bursts = _shown_bursts(found, _with_page(catalogue, wanted))
+    rejected = [one for one in found if one.tier == REJECTED]
+    part, parts = _part(request, len(bursts))
     return render(
         request,
         "day.html",
@@ -145,13 +153,43 @@ def day_page(request: Request, day: str, service: ServiceHere, catalogue: Catalo
         origin=origins[0],
         is_real=origins[0] in REAL_ORIGINS,
         beside=[one and day_links(one, origins[0])["page"] for one in (before, after)],
-        drawn=Markup(drawn.read_text(encoding="utf-8")) if drawn.is_file() else None,  # noqa: S704 - drawn by a run
-        bursts=_shown_bursts(found, _with_page(catalogue, wanted)),
-        rejected=[one for one in found if one.tier == REJECTED],
+        drawn=_drawn(drawn, bursts, part) if drawn.is_file() else None,
+        bursts=bursts[part * BURSTS_PER_PART : (part + 1) * BURSTS_PER_PART],
+        total=len(bursts),
+        part=part,
+        parts_of_day=[bursts[BURSTS_PER_PART * one].heard[0].start_utc for one in range(parts)],
+        rejected=rejected[:BURSTS_PER_PART],
+        rejected_total=len(rejected),
         before=before,
         after=after,
         observed=_observed(catalogue, wanted) if origins[0] in REAL_ORIGINS else None,
     )
+
+
+def _part(request: Request, bursts: int) -> tuple[int, int]:
+    """Which part of the bursts of a day is asked for, counted from 0, and how many there are.
+
+    Raises
+    ------
+    InputError
+        Where there is no such part.
+    """
+    parts, asked = -(-bursts // BURSTS_PER_PART), request.query_params.get("part") or "1"
+    if not (asked.isascii() and asked.isdigit() and 1 <= int(asked[:6]) <= max(parts, 1)):
+        raise InputError(f"part: give a number from 1 to {max(parts, 1)}")
+    return int(asked) - 1, parts
+
+
+def _drawn(path: Path, bursts: Sequence[ShownBurst], part: int) -> Markup:
+    """Figure of a day, whose boxes lead to the part that tells of their burst."""
+    places = {one.burst_id: index // BURSTS_PER_PART for index, one in enumerate(bursts)}
+
+    def _led(found: re.Match[str]) -> str:
+        place = places.get(found[1], part)
+        return found[0] if place == part else f'href="?part={place + 1}#{found[1]}"'
+
+    text = path.read_text(encoding="utf-8")
+    return Markup(re.sub(r'href="#([^"]+)"', _led, text) if len(bursts) > BURSTS_PER_PART else text)  # noqa: S704
 
 
 def _origins(request: Request) -> tuple[Origin, ...]:

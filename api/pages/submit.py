@@ -82,7 +82,7 @@ def _faults(text: str, first: InputError) -> list[str]:
     found = []
     for row in range(min(len(frame), 500)):
         try:
-            check_arrivals(frame.iloc[[row]].reset_index(drop=True), source=SOURCE, heard_by=1)
+            check_arrivals(frame.iloc[[row]].reset_index(drop=True), source=SOURCE, received_by=1)
         except InputError as error:
             found.append(str(error).replace("row 1,", f"row {row + 1},"))
         if len(found) == MOST_FAULTS:

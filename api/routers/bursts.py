@@ -1,6 +1,5 @@
 """Bursts, their versions, tracks and posteriors."""
 
-import dataclasses
 import math
 from collections.abc import Iterable, Iterator
 from dataclasses import replace
@@ -99,9 +98,11 @@ def latest_burst(catalogue: CatalogueHere, wanted: Annotated[BurstSelection, Que
 @router.get("/bursts/{burst_id}")
 def burst(response: Response, burst_id: BurstId, catalogue: CatalogueHere) -> BurstReply:
     """One burst with the newest solution of each series."""
-    summary = catalogue.burst(burst_id)
-    response.headers.update(last_modified(summary.burst.updated_utc, catalogue.changed_utc("events")))
-    return BurstReply.of(summary, catalogue.events.of_burst(burst_id))
+    with catalogue.snapshot():
+        summary, near = catalogue.burst(burst_id), catalogue.events.of_burst(burst_id)
+        events_utc = catalogue.changed_utc("events")
+    response.headers.update(last_modified(summary.burst.updated_utc, events_utc))
+    return BurstReply.of(summary, near)
 
 
 @router.get("/bursts/{burst_id}/versions")
@@ -124,11 +125,13 @@ def track(
 ) -> TrackReply | Response:
     """Localisation table and track fit of one solution as JSON, or the localisation table alone in another format."""
     chosen = asked_format(request, choice.format)
-    updated_utc = catalogue.burst(burst_id).burst.updated_utc
-    solution = pick(catalogue, burst_id, choice)
+    with catalogue.snapshot():
+        summary = catalogue.burst(burst_id)
+        solution = picked(catalogue, summary, choice)
+        found = catalogue.localisations(solution.solution_id)
+        fit = catalogue.track_fit(solution.solution_id)
+    updated_utc = summary.burst.updated_utc
     modified = last_modified(updated_utc, solution.pruned_utc)
-    found = catalogue.localisations(solution.solution_id)
-    fit = catalogue.track_fit(solution.solution_id)
     name = f"{burst_id}_{solution.series.edge}_{solution.series.preset}_v{solution.version}"
     if chosen.name == "csv":
         return PlainTextResponse(
@@ -160,10 +163,10 @@ def posterior(
 ) -> PosteriorReply:
     """Summary of the posterior at each frequency, and the address of the Zarr group with all its draws."""
     catalogue = service.catalogue()
-    updated_utc = catalogue.burst(burst_id).burst.updated_utc
-    solution = pick(catalogue, burst_id, choice)
+    summary = catalogue.burst(burst_id)
+    solution = picked(catalogue, summary, choice)
     group = service.posterior(solution)
-    response.headers.update(last_modified(updated_utc, solution.pruned_utc))
+    response.headers.update(last_modified(summary.burst.updated_utc, solution.pruned_utc))
     numbers = [str(name) for name, variable in group.variables.items() if variable.dims == ("frequency",)]
     return PosteriorReply(
         burst_id=burst_id,
@@ -198,7 +201,13 @@ def regions(burst_id: BurstId, service: ServiceHere, choice: Annotated[Frequency
 
 def pick(catalogue: Catalogue, burst_id: str, choice: SolutionChoice) -> Solution:
     """The solution of a burst that a choice means; older versions only when the version is named."""
-    known = catalogue.burst(burst_id).solutions if choice.version is None else catalogue.versions(burst_id)
+    return picked(catalogue, catalogue.burst(burst_id), choice)
+
+
+def picked(catalogue: Catalogue, summary: BurstSummary, choice: SolutionChoice) -> Solution:
+    """The same, of a burst that has been read."""
+    burst_id = summary.burst.burst_id
+    known = summary.solutions if choice.version is None else catalogue.versions(burst_id)
     return chosen_solution(tuple(known), choice, burst_id)
 
 
@@ -233,7 +242,7 @@ def table_header(solution: Solution) -> dict[str, str]:
 
 def _record(row: Localisation) -> dict[str, Any]:
     """Columns of one row; None where there is no number, which JSON has no other word for."""
-    columns = dataclasses.asdict(row)
+    columns = vars(row)
     return {
         name: None if isinstance(value, float) and not math.isfinite(value) else value
         for name, value in columns.items()

@@ -1,4 +1,4 @@
-"""Detections: what each spacecraft heard on the days that were searched, placed or not, and why not."""
+"""Detections: what each spacecraft received on the days that were searched, localised or not, and why not."""
 
 from typing import Annotated
 
@@ -48,7 +48,7 @@ def detections(
 
 @router.get("/days")
 def days(request: Request, catalogue: CatalogueHere, wanted: Annotated[DayFilter, Query()]) -> DaysReply:
-    """Searched days, the newest first, with how much was heard on each; both ends of the range belong to it."""
+    """Searched days, the newest first, with how much was received on each; both ends of the range belong to it."""
     page = catalogue.days(*wanted.span(), wanted.limit, wanted.origins, wanted.cursor)
     return DaysReply(
         days=[DaySummaryReply.of(one) for one in page.days],
@@ -61,6 +61,6 @@ def days(request: Request, catalogue: CatalogueHere, wanted: Annotated[DayFilter
 
 @router.get("/days/{day}")
 def day(day: DayText, catalogue: CatalogueHere, choice: Annotated[OriginChoice, Query()]) -> DayReply:
-    """Whether a day was searched, and which spacecraft had data: no data, no burst and not placed are told apart."""
+    """Whether a day was searched, which spacecraft had data, and the answer: no data, no burst, not localised, ..."""
     wanted = parse_day(day, "day")
     return DayReply.of(wanted, catalogue.searched_day(wanted, choice.origins))

@@ -14,8 +14,9 @@ document.getElementById("send")?.addEventListener("submit", async (event) => {
   const headers = { "Content-Type": "text/csv", ...(token ? { Authorization: `Bearer ${token}` } : {}) };
   const body = document.getElementById("table").value;
   note.textContent = "sending …";
-  const reply = await fetch("/api/v1/arrivals", { method: "POST", headers, body });
+  const { to, then } = event.target.dataset; // below the prefix of a proxy, too
+  const reply = await fetch(to, { method: "POST", headers, body });
   const said = await reply.json();
-  if (reply.ok) window.location.href = `/submissions/${said.submission_id}`;
+  if (reply.ok) window.location.href = then + said.submission_id;
   else note.textContent = said.detail ?? reply.statusText;
 });

@@ -1,8 +1,8 @@
-"""Which spacecraft heard the same burst, and its stable name.
+"""Which spacecraft received the same burst, and its stable name.
 
 Two spacecraft hear a frequency at times that differ by no more than light takes from one to the other. Bursts are taken
 strongest first; at every other spacecraft the best detection within that window is theirs, or, where the search alone
-found nothing, what a search of the window itself finds: a source behind the Sun is heard late and low.
+found nothing, what a search of the window itself finds: a source behind the Sun is received late and low.
 """
 
 from collections.abc import Sequence
@@ -55,7 +55,7 @@ class Member:
 
 @dataclass(frozen=True)
 class AssociatedBurst:
-    """A burst that one or more spacecraft heard.
+    """A burst that one or more spacecraft received.
 
     Attributes
     ----------
@@ -75,7 +75,7 @@ class AssociatedBurst:
 
     @property
     def observatories(self) -> tuple[str, ...]:
-        """Who heard it, strongest first."""
+        """Who received it, strongest first."""
         return tuple(one.searched.observatory for one in self.members)
 
     @property
@@ -108,14 +108,14 @@ def associate(searched: Sequence[Searched]) -> list[AssociatedBurst]:
         members = [Member(spectrum, one, why_not_alone(spectrum, one))]
         for other in searched:
             if other.observatory != spectrum.observatory:
-                members += _heard_by(other, members, taken)
+                members += _received_by(other, members, taken)
         taken |= {(member.searched.observatory, member.candidate.record) for member in members}
         bursts.append(_judged(members))
     return sorted(_named(bursts), key=lambda burst: burst.start_utc)
 
 
 def _named(bursts: Sequence[AssociatedBurst]) -> list[AssociatedBurst]:
-    """Bursts with names of their own; of those that share a minute one that can be placed comes first."""
+    """Bursts with names of their own; of those that share a minute one that can be localised comes first."""
     taken: dict[str, int] = {}
     named = []
     for burst in sorted(bursts, key=lambda one: one.tier != LOCALISABLE):
@@ -242,7 +242,7 @@ def _start(searched: Searched, one: Candidate) -> pd.Timestamp:
     return pd.Timestamp(searched.grid.start) + pd.Timedelta(seconds=float(onset_records(one)[highest]) * STEP_S)
 
 
-def _heard_by(other: Searched, members: Sequence[Member], taken: set[tuple[str, int]]) -> list[Member]:
+def _received_by(other: Searched, members: Sequence[Member], taken: set[tuple[str, int]]) -> list[Member]:
     """The same burst at another spacecraft, or nothing."""
     free = [one for one in other.found if not one.reason and (other.observatory, one.record) not in taken]
     fitting = [one for one in free if all(_may_be_same(other, one, member) for member in members)]
@@ -285,7 +285,7 @@ def _position_rsun(searched: Searched) -> FloatArray:
 
 
 def _seeded(other: Searched, member: Member) -> list[Candidate]:
-    """The best of what the filter shows in the window of a burst that another spacecraft heard."""
+    """The best of what the filter shows in the window of a burst that another spacecraft received."""
     window_s = _window_s(other, member.searched)
     before_s = (other.grid.start - member.searched.grid.start) / np.timedelta64(1, "s")
     centre = member.candidate.record - before_s / STEP_S

@@ -86,16 +86,16 @@ class DetectionThresholds:
     slack_s : float
         By how much a window is wider than light travel: onsets are known to the minute of the grid.
     seed_score, seed_hits : float, int
-        What a search of the window of a burst that another spacecraft heard has to find.
+        What a search of the window of a burst that another spacecraft received has to find.
     spacecraft : int
         Fewest that place a burst: three arrival times for two coordinates and a time of emission.
     spread_rsun : float
         Spacecraft nearer to one line than this cannot tell two sides of it: 23 s of light.
     low_mhz, low_channels : float, int
-        Sources are placed below this frequency, where a minute is short against light travel; so many channels there
+        Sources are localised below this frequency, where a minute is short against light travel; so many channels there
         have to be seen by three spacecraft.
     weak_score : float
-        A spacecraft with a lower score times no edge well, and may as well have heard another burst.
+        A spacecraft with a lower score times no edge well, and may as well have received another burst.
     """
 
     score: float = 6.0

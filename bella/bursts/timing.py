@@ -53,10 +53,10 @@ AROUND_S = 900.0
 """How far from the time given a burst may begin."""
 
 LOWEST_MHZ, HIGHEST_MHZ = 0.15, 2.0
-"""Band in which sources are placed, as in Canizares et al. 2024, A&A 684, A182, doi:10.1051/0004-6361/202347747."""
+"""Band in which sources are localised, as in Canizares et al. 2024, A&A 684, A182, doi:10.1051/0004-6361/202347747."""
 
 PROFILE_MHZ = (0.1, 3.0)
-"""Channels that share a profile: it changes slowly with ln f, and no source is placed above."""
+"""Channels that share a profile: it changes slowly with ln f, and no source is localised above."""
 
 FREQUENCIES = 40
 MOST_ROWS = 120
@@ -514,7 +514,7 @@ def arrivals_of(timed: TimedBurst, number: int = FREQUENCIES) -> Timed:
 
 
 def channels_in_band(timed: TimedBurst, most: int = MOST_ROWS) -> Timed:
-    """Channels in the band in which sources are placed, evenly spread in ln f.
+    """Channels in the band in which sources are localised, evenly spread in ln f.
 
     Parameters
     ----------
@@ -563,7 +563,7 @@ def arrival_frame(timed: TimedBurst, rows: Timed) -> pd.DataFrame:
         }
     )
     frame.attrs[SHAPE_LENGTH] = SHAPE_LENGTH_LN_F
-    return check_arrivals(frame, source="edges of the channels", heard_by=1)
+    return check_arrivals(frame, source="edges of the channels", received_by=1)
 
 
 def arrival_table(timed: TimedBurst, frequency_mhz: FloatArray) -> pd.DataFrame:

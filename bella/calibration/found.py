@@ -260,7 +260,7 @@ def _answered(task: Task, case: SimulatedCase, members: Sequence[Member]) -> Fou
         raise BellaError(reason)
     table = arrival_table(timed, shared_frequencies_mhz(timed))
     posterior = localise(table, draws=DRAWS)
-    grid = arrival_grid(locate_receivers(channel_arrivals(timed)), heard_by=1)
+    grid = arrival_grid(locate_receivers(channel_arrivals(timed)), received_by=1)
     joint = fit_track(grid, draws=DRAWS).record
     answer = answer_of(_track(joint), _positions(posterior))
     position, lost = _position_quality(posterior, case)
@@ -281,7 +281,7 @@ def _answered(task: Task, case: SimulatedCase, members: Sequence[Member]) -> Fou
 
 def _preliminary(task: Task, case: SimulatedCase, parts: Sequence[xr.Dataset]) -> FoundBurst:
     grid, other = (
-        arrival_grid(locate_receivers(channel_arrivals(time_burst(parts, edge))), heard_by=1)
+        arrival_grid(locate_receivers(channel_arrivals(time_burst(parts, edge))), received_by=1)
         for edge in (HALF_RISE, SECOND_EDGE)
     )
     joint = fit_preliminary(grid, other)

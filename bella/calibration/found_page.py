@@ -41,8 +41,8 @@ GROUP_HEADER = """| number | spacecraft | tier | {what} | bursts | 68 % | 95 % |
 ANSWERED = """
 ## Which bursts have an answer
 
-Of {simulated} simulated bursts {answers} have one. The others are not detected, not heard well by enough spacecraft, or
-their preliminary track says too little. Shared profile: answers with this edge.
+Of {simulated} simulated bursts {answers} have one. The others are not detected, not received well by enough
+spacecraft, or their preliminary track says too little. Shared profile: answers with this edge.
 
 | spacecraft | simulated | answers | shared profile |
 |---|---|---|---|

@@ -130,8 +130,8 @@ def _type(origin: Origin, last: Alert | None, answer: Solution | None) -> AlertT
 
 def _alert(connection: Connection, burst_id: str, answer: Solution | None, last: Alert | None, sequence: int) -> Alert:
     burst = connection.execute(select(_BURSTS).where(_BURSTS.c.burst_id == burst_id)).one()
-    heard = table_of(BurstObservatoryRow)
-    names = select(heard.c.observatory).where(heard.c.burst_id == burst_id).order_by(heard.c.position)
+    received = table_of(BurstObservatoryRow)
+    names = select(received.c.observatory).where(received.c.burst_id == burst_id).order_by(received.c.position)
     origin = Origin(burst.origin)
     said: dict[str, Any] = {}
     if answer is not None:

@@ -1,4 +1,4 @@
-"""Searched days with what was heard on them: the newest first, a stretch at a time."""
+"""Searched days with what was received on them: the newest first, a stretch at a time."""
 
 from collections.abc import Collection, Iterator
 from datetime import UTC, date, datetime, time, timedelta
@@ -87,17 +87,17 @@ def _counts(connection: Connection, first: date, last: date) -> Iterator[tuple[t
         .group_by(columns.day, columns.origin, columns.burst_id)
         .subquery()
     )
-    heard = by_burst.c
-    is_burst, is_shared = heard.burst_id != "", heard.observatories > 1
+    received = by_burst.c
+    is_burst, is_shared = received.burst_id != "", received.observatories > 1
     counted = select(
-        heard.day,
-        heard.origin,
-        func.sum(heard.accepted),
-        func.sum(heard.rejected),
+        received.day,
+        received.origin,
+        func.sum(received.accepted),
+        func.sum(received.rejected),
         func.sum(case((is_burst, 1), else_=0)),
         func.sum(case((is_burst & is_shared, 1), else_=0)),
-        func.sum(case((is_burst, heard.localised), else_=0)),
-    ).group_by(heard.day, heard.origin)
+        func.sum(case((is_burst, received.localised), else_=0)),
+    ).group_by(received.day, received.origin)
     for day, origin, *numbers in connection.execute(counted):
         yield (day, origin), tuple(map(int, numbers))  # PostgreSQL sums to a Decimal
 
@@ -108,7 +108,7 @@ def _onsets_near(first: date, last: date) -> tuple[ColumnElement[bool], ...]:
 
 
 def detections_of(engine: Engine, day: date, origins: Collection[Origin] = REAL_ORIGINS) -> tuple[Detection, ...]:
-    """Detections recorded with a day, by onset: with those of its bursts that another spacecraft heard past midnight.
+    """Detections recorded with a day, by onset: with those of its bursts that another one received past midnight.
 
     Parameters
     ----------

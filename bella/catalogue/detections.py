@@ -1,4 +1,4 @@
-"""Detections by day: what was heard, by whom, and whether it could be placed."""
+"""Detections by day: what was received, by whom, and whether it could be localised."""
 
 from collections.abc import Sequence
 from dataclasses import asdict
@@ -96,8 +96,8 @@ def searched_day(engine: Engine, day: date, origins: Sequence[Origin] = REAL_ORI
 
 def searched_day_of(row: Row[Any]) -> SearchedDay:
     """Record of a row of the searched days."""
-    heard, answer = tuple(row.observatories.split()), DayAnswer(row.answer)
-    return SearchedDay(row.day, row.inputs_hash, row.code_version, heard, answer, row.reason, Origin(row.origin))
+    received, answer = tuple(row.observatories.split()), DayAnswer(row.answer)
+    return SearchedDay(row.day, row.inputs_hash, row.code_version, received, answer, row.reason, Origin(row.origin))
 
 
 def detections(engine: Engine, query: DetectionQuery) -> DetectionPage:

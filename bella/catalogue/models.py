@@ -169,7 +169,7 @@ class BurstRow(Base):
 
 
 class BurstObservatoryRow(Base):
-    """Who heard a burst."""
+    """Who received a burst."""
 
     __tablename__ = "burst_observatory"
     __table_args__ = (Index("ix_burst_observatory_observatory", "observatory", "burst_id"),)

@@ -229,7 +229,7 @@ def _refuse_others(connection: Connection, burst: Burst) -> None:
 
 
 def _upsert_burst(connection: Connection, burst: Burst) -> None:
-    table, heard = table_of(BurstRow), table_of(BurstObservatoryRow)
+    table, received = table_of(BurstRow), table_of(BurstObservatoryRow)
     values = _plain_row(asdict(burst))
     observatories = values.pop("observatories")
     values.pop("retracted")
@@ -241,10 +241,10 @@ def _upsert_burst(connection: Connection, burst: Burst) -> None:
     # a solution made without spectra does not take away those of an earlier one
     changed["spectra_path"] = func.coalesce(statement.excluded.spectra_path, table.c.spectra_path)
     connection.execute(statement.on_conflict_do_update(index_elements=["burst_id"], set_=changed))
-    connection.execute(delete(heard).where(heard.c.burst_id == burst.burst_id))
+    connection.execute(delete(received).where(received.c.burst_id == burst.burst_id))
     _insert_all(
         connection,
-        heard,
+        received,
         ({"burst_id": burst.burst_id, "observatory": name, "position": at} for at, name in _numbered(observatories)),
     )
 

@@ -194,7 +194,7 @@ def versions(engine: Engine, burst_id: str) -> tuple[Solution, ...]:
 
 def burst_filters(query: BurstQuery) -> list[ColumnElement[bool]]:
     """Conditions of a query on `with_answers`."""
-    heard = table_of(BurstObservatoryRow)
+    received = table_of(BurstObservatoryRow)
     conditions: list[ColumnElement[bool]] = [BURSTS.c.origin.in_(sorted(query.origins))]
     if not query.with_retracted:
         conditions.append(BURSTS.c.retracted_utc.is_(None))
@@ -205,7 +205,9 @@ def burst_filters(query: BurstQuery) -> list[ColumnElement[bool]]:
     if query.updated_since is not None:
         conditions.append(BURSTS.c.updated_utc >= query.updated_since)
     for name in sorted(query.observatories):
-        by_this = select(heard.c.burst_id).where(heard.c.burst_id == BURSTS.c.burst_id, heard.c.observatory == name)
+        by_this = select(received.c.burst_id).where(
+            received.c.burst_id == BURSTS.c.burst_id, received.c.observatory == name
+        )
         conditions.append(by_this.exists())
     return [*conditions, *_of_answers(query), *_in_ranges(query)]
 
@@ -256,9 +258,9 @@ def _summaries(connection: Connection, rows: Any) -> tuple[BurstSummary, ...]:
     """Bursts of a page with observatories and newest solutions, in a few queries however long it is."""
     if not rows:
         return ()
-    heard, solutions = table_of(BurstObservatoryRow), table_of(SolutionRow)
+    received, solutions = table_of(BurstObservatoryRow), table_of(SolutionRow)
     ids = [row["burst_id"] for row in rows]
-    by_position = select(heard).where(heard.c.burst_id.in_(ids)).order_by(heard.c.position)
+    by_position = select(received).where(received.c.burst_id.in_(ids)).order_by(received.c.position)
     observatories: dict[str, list[str]] = {burst_id: [] for burst_id in ids}
     for one in connection.execute(by_position):
         observatories[one.burst_id].append(one.observatory)

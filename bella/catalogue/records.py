@@ -63,7 +63,7 @@ class Burst:
 class SearchedDay:
     """The answer about a day: in which files it was searched, by which code, of which spacecraft, and what came of it.
 
-    A spacecraft that is not among the observatories had no data; one that is and has no detection heard no burst.
+    A spacecraft that is not among the observatories had no data; one that is and has no detection received no burst.
     `reason` says why a day could not be searched, or which data sets could not be asked for. A day is kept once for
     each origin of its files.
     """
@@ -79,10 +79,10 @@ class SearchedDay:
 
 @dataclass(frozen=True)
 class Detection:
-    """A burst as one spacecraft heard it; the columns of the detection table.
+    """A burst as one spacecraft received it; the columns of the detection table.
 
-    `burst_id` is empty for what was rejected. A tier "localisable" says that the burst was placed, any other comes with
-    its reason.
+    `burst_id` is empty for what was rejected. A tier "localisable" says that the burst has a position, any other comes
+    with its reason.
     """
 
     observatory: str
@@ -105,10 +105,10 @@ class Detection:
 
 @dataclass(frozen=True)
 class DaySummary:
-    """A searched day with how much was heard on it.
+    """A searched day with how much was received on it.
 
     `detections` are those that were not `rejected`; `shared` bursts were received by two or more spacecraft,
-    `localised` ones were placed.
+    `localised` ones have a position.
     """
 
     searched: SearchedDay

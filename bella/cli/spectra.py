@@ -53,7 +53,7 @@ def detect(
     spectrum: Spectra,
     output: Annotated[Path, typer.Option(help="CSV of detections to write.")],
     figures: Annotated[
-        Path | None, typer.Option(help="Folder for a figure of each spacecraft's day.", show_default="none drawn")
+        Path | None, typer.Option(help="Folder for a figure of each day, SVG.", show_default="none drawn")
     ] = None,
     as_json: AsJson = False,
 ) -> None:
@@ -85,13 +85,16 @@ def detect(
 
 
 def _draw_spectra(folder: Path, pieces: "list[FleetPiece]", table: "pd.DataFrame") -> None:
-    """A figure of each spacecraft; of several pieces, with the first day in its name."""
-    from bella.plotting import write_spectrum_png
+    """A figure of each day, with all spacecraft."""
+    import numpy as np
+
+    from bella.plotting import Caption, day_caption, day_figure, write_figure
 
     for piece in pieces:
-        day = f"-{str(piece.first)[:10].replace('-', '')}" if len(pieces) > 1 else ""
-        for name, one in piece.spectra.items():
-            write_spectrum_png(folder / f"{name}{day}.png", one, table)
+        spectra = list(piece.spectra.values())
+        counted = [np.unique(one["time"].to_numpy().astype("datetime64[D]"), return_counts=True) for one in spectra]
+        for day in sorted({day.item() for days, records in counted for day in days[records > 1]}):
+            write_figure(folder / f"{day}.svg", day_figure(day, spectra, table), Caption(day_caption(day)))
 
 
 def _read_fleet(paths: list[Path]) -> "tuple[list[FleetPiece], int]":

@@ -87,7 +87,7 @@ def fit_track(  # noqa: PLR0913, PLR0917 - one argument per option
     for path in filter(None, (arrivals, covariance, directions, other_edges)):
         check_file(path)
     know_updates()
-    table = read_arrivals(arrivals, heard_by=2)
+    table = read_arrivals(arrivals, received_by=2)
     recipe = TrackRecipe(
         model,
         preset,
@@ -96,7 +96,7 @@ def fit_track(  # noqa: PLR0913, PLR0917 - one argument per option
         directions=read_directions(directions) if directions else None,
         floor_deg=directions_floor,
         wind=measured,
-        other_edges=read_arrivals(other_edges, heard_by=2) if other_edges else None,
+        other_edges=read_arrivals(other_edges, received_by=2) if other_edges else None,
     )
     with steps("positions", table["frequency_mhz"].nunique()) as advance:
         track = fit_table(table, recipe, advance)

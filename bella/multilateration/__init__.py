@@ -1,4 +1,4 @@
-"""Where the source was, from the times at which several receivers heard it.
+"""Where the source was, from the times at which several spacecraft received it.
 
 :func:`localise` is the door. Behind it, from prior to report: `priors` (what is assumed, and from where on a flag is
 raised), `problems` (arrival times and their noise), `likelihood` (emission time, speed and directional delay integrated

@@ -2,12 +2,12 @@
 
 What the flags mean is in :mod:`bella.flags`.
 
-**Clocks.** Where more receivers heard a burst than a position takes, an offset that a receiver has at all frequencies
-shows. Its size is that of generalised least squares over all arrival times of the burst, around the positions found:
-with r the arrival times less what is predicted, V their covariance with positions, emission times, slowness and kappa
-free within their priors, and e_i the indicator of a receiver, o_i = e_i^T V^-1 r / e_i^T V^-1 e_i, variance
-1 / e_i^T V^-1 e_i. One receiver at a time is taken to be off; of two that explain the times nearly as well, either may
-be.
+**Clocks.** Where more spacecraft received a burst than a position takes, an offset that one of them has at all
+frequencies shows. Its size is that of generalised least squares over all arrival times of the burst, around the
+positions found: with r the arrival times less what is predicted, V their covariance with positions, emission times,
+slowness and kappa free within their priors, and e_i the indicator of a receiver, o_i = e_i^T V^-1 r / e_i^T V^-1 e_i,
+variance 1 / e_i^T V^-1 e_i. One receiver at a time is taken to be off; of two that explain the times nearly as well,
+either may be.
 
 **Predictions.** Posterior predictive checks after Gelman, Meng & Stern (1996, Statistica Sinica 6, 733): residuals are
 averaged over draws, and a p-value is the probability, averaged over draws, of a discrepancy larger than the one seen.
@@ -95,11 +95,11 @@ def check_clocks(grid: ArrivalGrid, position_rsun: FloatArray, priors: Priors, d
     ClockCheck
     """
     dimensions = position_rsun.shape[1]
-    heard = np.isfinite(grid.arrival_s).sum(axis=1)
+    received = np.isfinite(grid.arrival_s).sum(axis=1)
     none = np.full(len(grid.observatories), np.nan)
-    if not (heard > dimensions + 1).any():
+    if not (received > dimensions + 1).any():
         return ClockCheck(none, none, np.zeros(none.size), "")
-    rows = np.unique(np.linspace(0, heard.size - 1, min(FREQUENCIES, heard.size)).astype(np.intp))
+    rows = np.unique(np.linspace(0, received.size - 1, min(FREQUENCIES, received.size)).astype(np.intp))
     some, offset_s, offset_sd_s = grid.take(rows), none.copy(), none.copy()
     for which in range(none.size):
         position, late_s = position_rsun[rows], np.zeros(none.size)
@@ -226,18 +226,18 @@ def clock_shift_rsun(
     ndarray, shape (F, n, D)
         Solar radii; NaN where a receiver is missing.
     """
-    heard = np.isfinite(grid.arrival_s)
-    present = replace(grid, receiver_rsun=np.where(heard[..., None], grid.receiver_rsun, 1.0))
+    received = np.isfinite(grid.arrival_s)
+    present = replace(grid, receiver_rsun=np.where(received[..., None], grid.receiver_rsun, 1.0))
     travel_s, delay_s, slope = _linearised(present, position_rsun, priors, delay)
-    both = heard[:, :, None] & heard[:, None, :]
+    both = received[:, :, None] & received[:, None, :]
     relative = priors.slowness_sd / priors.slowness_mean
     nuisance = EMISSION_SD_S**2 + (relative * travel_s[:, :, None]) * (relative * travel_s[:, None, :])
     turned = np.nan_to_num(delay.kappa_sd * delay_s)
     nuisance = nuisance + turned[:, :, None] * turned[:, None, :]
-    stated = grid.covariances_s2() + nuisance + LEAST_S**2 * np.eye(heard.shape[1])
-    weight = np.where(both, np.linalg.inv(np.where(both, stated, np.eye(heard.shape[1]))), 0.0)
+    stated = grid.covariances_s2() + nuisance + LEAST_S**2 * np.eye(received.shape[1])
+    weight = np.where(both, np.linalg.inv(np.where(both, stated, np.eye(received.shape[1]))), 0.0)
     shift = SHIFT_S * np.einsum("fde,fie,fij->fjd", covariance_rsun2, np.nan_to_num(slope), weight, optimize=True)
-    return np.where(heard[..., None], shift, np.nan)
+    return np.where(received[..., None], shift, np.nan)
 
 
 def flags_of(posterior: xr.Dataset, remarks: Sequence[str] = ()) -> list[str]:
@@ -350,15 +350,15 @@ def _checked(grid: ArrivalGrid, draws: Draws, bad_probability: FloatArray) -> Pr
     residual = grid.arrival_s[:, None] - grid.delay_s[:, None] - predicted_arrivals(grid, draws)
     covariance = grid.covariances_s2()
     deviation = residual / np.sqrt(np.einsum("fii->fi", covariance))[:, None]
-    heard = np.isfinite(grid.arrival_s)
-    precision = np.linalg.inv(np.where(np.isfinite(covariance), covariance, np.eye(heard.shape[1])))
-    known = np.where(heard[:, None], residual, 0.0)
+    received = np.isfinite(grid.arrival_s)
+    precision = np.linalg.inv(np.where(np.isfinite(covariance), covariance, np.eye(received.shape[1])))
+    known = np.where(received[:, None], residual, 0.0)
     discrepancy = np.einsum("fdi,fij,fdj->fd", known, precision, known, optimize=True)
-    weight = (1 - bad_probability) * np.einsum("fij,fj->fi", precision, heard.astype(np.float64))
+    weight = (1 - bad_probability) * np.einsum("fij,fj->fi", precision, received.astype(np.float64))
     return Predictive(
         residual_s=_without_emission(residual, weight).mean(axis=1),
         receiver_p=2 * ndtr(-np.abs(deviation)).mean(axis=1),
-        burst_p=chdtrc(heard.sum(axis=1)[:, None], discrepancy).mean(axis=1),
+        burst_p=chdtrc(received.sum(axis=1)[:, None], discrepancy).mean(axis=1),
     )
 
 

@@ -83,16 +83,16 @@ def sample_frequency(grid: ArrivalGrid, row: int, recipe: Recipe) -> Draws:
     ConvergenceError
         If the chains disagree.
     """
-    heard = np.isfinite(grid.arrival_s[row])
+    received = np.isfinite(grid.arrival_s[row])
     shape = ModelShape(
-        receivers=int(heard.sum()),
+        receivers=int(received.sum()),
         dimensions=recipe.dimensions,
         priors=recipe.preset.priors,
         noise=recipe.preset.noise,
         delay=recipe.preset.delay,
     )
-    offset = float(grid.arrival_s[row, heard].mean())
-    trace = _run(_compiled(shape).with_data(**_inputs(grid, row, heard, offset, shape)), recipe, row)
+    offset = float(grid.arrival_s[row, received].mean())
+    trace = _run(_compiled(shape).with_data(**_inputs(grid, row, received, offset, shape)), recipe, row)
     names = parameters(recipe.dimensions)
     effective = _effective(trace, float(grid.frequency_mhz[row]), names)
     *position, emission, v = (trace.posterior[name].to_numpy().ravel()[-recipe.draws :] for name in names)
@@ -121,17 +121,17 @@ class ModelShape:
     delay: DirectionalDelay
 
 
-def _inputs(grid: ArrivalGrid, row: int, heard: Any, offset: float, shape: ModelShape) -> dict[str, FloatArray]:
-    stated = grid.covariances_s2()[row][np.ix_(heard, heard)]
+def _inputs(grid: ArrivalGrid, row: int, received: Any, offset: float, shape: ModelShape) -> dict[str, FloatArray]:
+    stated = grid.covariances_s2()[row][np.ix_(received, received)]
     sets = shape.noise.bad_sets(shape.receivers)
     root = np.linalg.cholesky(stated + sets[:, :, None] * shape.noise.bad_sd_s**2 * np.eye(shape.receivers))
     inputs = {
-        "receiver_rsun": grid.receiver_rsun[row, heard],
-        "arrival_s": (grid.arrival_s - grid.delay_s)[row, heard] - offset,
+        "receiver_rsun": grid.receiver_rsun[row, received],
+        "arrival_s": (grid.arrival_s - grid.delay_s)[row, received] - offset,
         "whitening": np.linalg.inv(root),
     }
     if shape.delay.is_free:
-        inputs["rise_s"] = grid.rise_s[row, heard]
+        inputs["rise_s"] = grid.rise_s[row, received]
     return inputs
 
 
@@ -275,14 +275,14 @@ def _bad_probability(grid: ArrivalGrid, draws: Draws, noise: Noise) -> FloatArra
     sets = noise.bad_sets(len(grid.observatories))
     if len(sets) == 1:
         return np.zeros_like(grid.arrival_s)
-    heard = np.isfinite(grid.arrival_s)
+    received = np.isfinite(grid.arrival_s)
     covariance = grid.covariances_s2()
-    stated = np.where(np.isfinite(covariance), covariance, np.eye(heard.shape[1]))[:, None]
-    extra = (sets & heard[:, None, :])[..., None] * noise.bad_sd_s**2 * np.eye(heard.shape[1])
+    stated = np.where(np.isfinite(covariance), covariance, np.eye(received.shape[1]))[:, None]
+    extra = (sets & received[:, None, :])[..., None] * noise.bad_sd_s**2 * np.eye(received.shape[1])
     residual = np.nan_to_num((grid.arrival_s - grid.delay_s)[:, None] - predicted_arrivals(grid, draws))
     square = np.einsum("fdi,fkij,fdj->fdk", residual, np.linalg.inv(stated + extra), residual, optimize=True)
     odds = np.log(noise.bad_probability / (1 - noise.bad_probability)) * sets.sum(axis=1)
-    absent = (sets & ~heard[:, None, :]).any(axis=2)
+    absent = (sets & ~received[:, None, :]).any(axis=2)
     log_weight = -0.5 * (square + np.linalg.slogdet(stated + extra)[1][:, None])
     log_weight = log_weight + np.where(absent, -np.inf, odds)[:, None]
     share = np.exp(log_weight - np.logaddexp.reduce(log_weight, axis=2)[..., None])

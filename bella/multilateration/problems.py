@@ -88,7 +88,7 @@ class Problems:
         return int(self.total_weight.shape[0])
 
     @property
-    def heard(self) -> FloatArray:
+    def received(self) -> FloatArray:
         """Number of receivers of each problem, shape (B,)."""
         return np.asarray((self.mean_weight[0] != 0).sum(axis=0))
 
@@ -259,9 +259,11 @@ def whiten(covariance_s2: FloatArray, extra_s2: FloatArray, frequency_mhz: Float
     whole = stated + (extra_s2 * present)[..., None] * identity
     order = np.argsort(np.where(present, np.einsum("kbii->kbi", whole), np.inf), axis=2, kind="stable")
     others, reference = order[..., 1:], order[..., 0]
-    heard = present[np.arange(len(present))[:, None], others]
-    difference = np.where(heard[..., None], identity[others] - identity[reference][:, :, None, :], 0.0)
-    between = difference @ whole @ difference.swapaxes(-1, -2) + np.where(heard, 0.0, 1.0)[..., None] * identity[1:, 1:]
+    received = present[np.arange(len(present))[:, None], others]
+    difference = np.where(received[..., None], identity[others] - identity[reference][:, :, None, :], 0.0)
+    between = (
+        difference @ whole @ difference.swapaxes(-1, -2) + np.where(received, 0.0, 1.0)[..., None] * identity[1:, 1:]
+    )
     try:
         root = np.linalg.cholesky(between)
         solved = np.linalg.solve(whole, np.broadcast_to(present, whole.shape[:-1])[..., None].astype(np.float64))[
@@ -296,8 +298,8 @@ def _log_prior_of_components(bad: BoolArray, present: BoolArray, bad_probability
     if len(bad) == 1:
         return np.zeros((1, present.shape[1]))
     number = bad.sum(axis=1)[:, None]
-    heard = present.sum(axis=0)
-    log_prior = number * np.log(bad_probability) + (heard - number) * np.log1p(-bad_probability)
+    received = present.sum(axis=0)
+    log_prior = number * np.log(bad_probability) + (received - number) * np.log1p(-bad_probability)
     possible = ~(bad[:, :, None] & ~present).any(axis=1)
     log_prior = np.where(possible, log_prior, -np.inf)
     return np.asarray(log_prior - np.logaddexp.reduce(log_prior, axis=0))
@@ -338,7 +340,7 @@ def log_constant(problems: Problems) -> FloatArray:
     """What turns the integral of exp(`Local.log_density`) over x into the evidence, shape (B,), as a logarithm."""
     priors = problems.priors
     return np.asarray(
-        -0.5 * (problems.heard - 1) * np.log(2 * np.pi)
+        -0.5 * (problems.received - 1) * np.log(2 * np.pi)
         - np.log(2 * priors.emission_half_width_s)
         - priors.log_volume(problems.dimensions)
     )

@@ -170,7 +170,7 @@ def solve(
     Raises
     ------
     InputError
-        If shapes do not agree, or names the row (from 0) that fewer than D + 1 receivers heard or that is not usable.
+        If shapes do not agree, or names the row (from 0) that fewer than D + 1 of them received or that is not usable.
     GeometryError
         If the receivers of a row lie on one line (3D: in one plane), or its numbers are beyond all use.
     """
@@ -238,7 +238,7 @@ def _chosen(points: FloatArray, rho: FloatArray, real: BoolArray, ordered: BoolA
 
 
 def _solved(timing: Timing, dimensions: int) -> TdoaSolution:
-    # the receiver that heard it first: a reference that does not depend on the order in which they are listed
+    # the spacecraft that received it first: a reference that does not depend on the order in which they are listed
     first = np.where(timing.present, timing.delay_s, np.inf).argmin(axis=1)
     roots = both_roots(timing, first, dimensions)
     exact = timing.present.sum(axis=1) == dimensions + 1

@@ -48,7 +48,7 @@ LATTICE_TOGETHER = 4_000_000
 
 @dataclass(frozen=True)
 class Timing:
-    """Who heard the signal when, for a batch of problems.
+    """Who received the signal when, for a batch of problems.
 
     Attributes
     ----------
@@ -75,7 +75,7 @@ class Timing:
 
     @property
     def present(self) -> BoolArray:
-        """Which receivers heard it, shape (B, n)."""
+        """Which spacecraft received it, shape (B, n)."""
         return np.asarray(self.share != 0)
 
     @property

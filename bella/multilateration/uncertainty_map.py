@@ -228,8 +228,8 @@ def _fleet(
 ) -> Receivers:
     names = tuple(receivers)
     if len(names) < MIN_OBSERVATORIES:
-        heard = ", ".join(names) or "no spacecraft"
-        raise InputError(f"only {heard}; a map needs the positions of {MIN_OBSERVATORIES} or more spacecraft")
+        received = ", ".join(names) or "no spacecraft"
+        raise InputError(f"only {received}; a map needs the positions of {MIN_OBSERVATORIES} or more spacecraft")
     for name in names:
         position = np.asarray(receivers[name], dtype=np.float64)
         if position.shape != (3,) or not (np.abs(position) <= FARTHEST_RECEIVER_RSUN).all():

@@ -121,7 +121,7 @@ def begin_burst(given: BurstInput, choice: Choice, settings: Settings, run_id: s
     Parameters
     ----------
     given : BurstInput
-        Heard by two spacecraft: a preliminary track is published.
+        Received by two spacecraft: a preliminary track is published.
     choice : Choice
     settings : Settings
     run_id : str
@@ -228,7 +228,7 @@ class _Work:
         return self.begun
 
     def preliminary(self) -> Begun:
-        """With the preliminary track of a burst that two spacecraft heard, unless a final answer is there."""
+        """With the preliminary track of a burst that two spacecraft received, unless a final answer is there."""
         edges = [name for name in PRELIMINARY_EDGES if name in self.given.arrivals] or list(self.given.arrivals)
         self._try(edges[0], lambda edge: self._preliminary(edge, edges[1:]))
         return self.begun
@@ -353,7 +353,7 @@ def _posterior(arrivals: pd.DataFrame, burst_id: str, series: Series, settings: 
 def _grid(timing: Timing, series: Series) -> ArrivalGrid:
     """Arrival times of two spacecraft, as a preliminary fit takes them."""
     table = timing.arrivals if timing.channels is None else timing.channels
-    return apply_sigma_rule(arrival_grid(table, heard_by=1), find_preset(series.preset))
+    return apply_sigma_rule(arrival_grid(table, received_by=1), find_preset(series.preset))
 
 
 def circle_dataset(joint: JointTrack, burst_id: str, edge: str) -> xr.Dataset:

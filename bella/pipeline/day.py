@@ -59,7 +59,7 @@ EDGES = (SHARED, HALF_RISE, "half_maximum")
 """Definitions of the edge with which a burst is timed."""
 
 PRELIMINARY_EDGES = (HALF_RISE, "half_maximum")
-"""Those of a burst that two spacecraft heard: the first is fitted, the second has to agree."""
+"""Those of a burst that two spacecraft received: the first is fitted, the second has to agree."""
 
 NOT_LOCALISABLE, NO_PRELIMINARY = "not localisable: ", "no preliminary track: "
 
@@ -84,7 +84,7 @@ class FoundBurst:
 
     @property
     def is_localisable(self) -> bool:
-        """Whether three spacecraft or more heard it well; if not, `reason` says why it has no position."""
+        """Whether three spacecraft or more received it well; if not, `reason` says why it has no position."""
         return self.found.tier == LOCALISABLE
 
     @property
@@ -97,7 +97,7 @@ class FoundBurst:
         """Definitions of the edge with which it is timed; none where nothing can be said of its track."""
         if self.is_localisable:
             return EDGES
-        return PRELIMINARY_EDGES if heard_by_two(self.found) else ()
+        return PRELIMINARY_EDGES if received_by_two(self.found) else ()
 
 
 @dataclass(frozen=True)
@@ -187,8 +187,8 @@ def _searched(spectra: Mapping[str, xr.Dataset]) -> tuple[list[Searched], tuple[
     return found, tuple(f"{name}: {reason}" for name, reason in reasons.items() if reason)
 
 
-def heard_by_two(burst: AssociatedBurst) -> bool:
-    """Whether a burst may have a preliminary track: two spacecraft heard it well, below 2 MHz, drifting like a beam.
+def received_by_two(burst: AssociatedBurst) -> bool:
+    """Whether a burst may have a preliminary track: two spacecraft received it well, below 2 MHz, drifting like a beam.
 
     Parameters
     ----------
@@ -246,11 +246,11 @@ def day_spectra(files: DayFiles) -> tuple[dict[str, xr.Dataset], tuple[str, ...]
     start, stop = midnight - BEFORE, midnight + np.timedelta64(1, "D") + AFTER
     parts = [part for one in found if (part := one.sel(time=slice(start, stop))).sizes["time"] > 1]
     whole, unfit = by_observatory_of_what_fits(parts)
-    heard = {name: one for name, one in whole.items() if _reaches(one, midnight)}
-    if not heard:
+    reaching = {name: one for name, one in whole.items() if _reaches(one, midnight)}
+    if not reaching:
         said = f" ({'; '.join((*left_out, *unfit))})" if left_out or unfit else ""
         raise NoDataError(f"no file has a record of {files.day} that can be searched{said}: fetch the day again")
-    return heard, (*left_out, *unfit)
+    return reaching, (*left_out, *unfit)
 
 
 def _brought_spectra(day: date, folder: UserFolder) -> tuple[dict[str, xr.Dataset], tuple[str, ...]]:
@@ -266,7 +266,7 @@ def _reaches(spectrum: xr.Dataset, midnight: np.datetime64) -> bool:
 
 
 def timed_burst(files: DayFiles, one: FoundBurst) -> BurstInput:
-    """Time a burst by the spacecraft that heard it well.
+    """Time a burst by the spacecraft that received it well.
 
     Parameters
     ----------
@@ -294,7 +294,9 @@ def timed_burst(files: DayFiles, one: FoundBurst) -> BurstInput:
             raise NotPlacedError(reason.removeprefix(NOT_LOCALISABLE))
         kept = {edge: each for edge, each in timed.items() if not why_not_timed(each, names)}
         arrivals = {
-            edge: placed(arrival_table(each, shared_frequencies_mhz(each)), [member.searched for member in members])
+            edge: with_stated_positions(
+                arrival_table(each, shared_frequencies_mhz(each)), [member.searched for member in members]
+            )
             for edge, each in kept.items()
         }
     except (NoDataError, InputError) as error:
@@ -327,7 +329,7 @@ def _directions(members: Sequence[Member], burst: AssociatedBurst, record: Burst
     return burst_directions([one.searched.over for one in members], (start - SHOWN_BEFORE, start + SHOWN_AFTER), band)
 
 
-def placed(table: pd.DataFrame, searched: Sequence[Searched]) -> pd.DataFrame:
+def with_stated_positions(table: pd.DataFrame, searched: Sequence[Searched]) -> pd.DataFrame:
     """Fill in where spacecraft were as their files say, where these have positions that the ephemeris does not deny.
 
     Parameters
@@ -365,7 +367,7 @@ def _channel_tables(timed: Mapping[str, TimedBurst], members: Sequence[Member]) 
     tables = {}
     for edge, one in timed.items():
         try:
-            tables[edge] = placed(channel_arrivals(one), [member.searched for member in members])
+            tables[edge] = with_stated_positions(channel_arrivals(one), [member.searched for member in members])
         except (InputError, NoDataError) as error:  # the track is then fitted to t(f)
             log.warning("no channel edges for the track", edge=edge, reason=str(error))
     return tables

@@ -32,15 +32,16 @@ from bella.plotting import (
     TrackView,
     constellation_caption,
     constellation_figure,
+    day_figure,
     edge_name,
     origin_warning,
     spectra_caption,
     spectra_figure,
     write_collapsed_png,
-    write_day_svg,
     write_density_png,
     write_figure,
     write_polar_fit_png,
+    write_whole,
 )
 from bella.settings import COLLAPSED_FIGURE, FIT_FIGURES, WIND_FIGURE, Settings
 from bella.store import open_group
@@ -188,7 +189,8 @@ def draw_day(day: date, spectra: Sequence[xr.Dataset], found: Sequence[Detection
     """
     path = settings.day_figure(day, origin_of(spectra))
     try:
-        write_day_svg(path, day, spectra, detection_frame(found))
+        # without a style of its own: it becomes a part of the page
+        write_whole(path, day_figure(day, spectra, detection_frame(found)))
     except Exception as error:  # noqa: BLE001 - a picture is not worth a day, whatever keeps it from being drawn
         log.warning("figure of the day not drawn", reason=f"{type(error).__name__}: {error}")
         if path.is_file():

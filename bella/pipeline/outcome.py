@@ -32,10 +32,10 @@ class DayOutcome:
     observatories : tuple of str
         That had data.
     detections, bursts : int
-        Accepted detections, and bursts that two or more spacecraft or one heard.
+        Accepted detections, and bursts that two or more spacecraft or one received.
     localised : tuple of Outcome
     preliminary : tuple of Outcome
-        Of bursts that two spacecraft heard.
+        Of bursts that two spacecraft received.
     refused : tuple of (str, str)
         Bursts that were not localised, and why.
     message : str

@@ -49,7 +49,7 @@ def burst_row(summary: BurstSummary) -> Row:
     burst, preferred = summary.burst, summary.preferred
     retracted = burst.retracted.reason if burst.retracted else ""
     lists = {"observatories": " ".join(burst.observatories), "retracted": retracted}
-    row: Row = {**asdict(burst), **lists, "version": 0}
+    row: Row = {**vars(burst), **lists, "version": 0}
     if preferred is None:
         return row
     said = preferred.answer.model_dump()
@@ -82,7 +82,7 @@ def localisation_rows(catalogue: Catalogue, solutions: Iterable[Solution]) -> It
         for solution in some:
             same = {**_series(solution), "burst_id": solution.burst_id}
             for row in positions[solution.solution_id]:
-                yield {**asdict(row), **same}
+                yield {**vars(row), **same}
 
 
 def batches(items: Iterable[Item]) -> Iterator[list[Item]]:
@@ -111,7 +111,7 @@ def arrival_rows(solution: Solution, posterior: xr.Dataset, observatory: str | N
     receiver = posterior["receiver_rsun"].to_numpy()
     rows: list[Row] = []
     for column, name in enumerate(names):
-        heard = np.flatnonzero(np.isfinite(posterior["arrival_s"].to_numpy()[:, column]))
+        received = np.flatnonzero(np.isfinite(posterior["arrival_s"].to_numpy()[:, column]))
         rows += [
             {
                 **{key: float(values[row, column]) for key, values in numbers.items()},
@@ -123,7 +123,7 @@ def arrival_rows(solution: Solution, posterior: xr.Dataset, observatory: str | N
                 "frequency_mhz": float(posterior["frequency"][row]),
                 "arrival_utc": times[row, column],
             }
-            for row in heard
+            for row in received
             if observatory in {None, name}
         ]
     return rows
@@ -186,4 +186,4 @@ def link_row(link: Link, near: BurstSummary) -> Row:
 
 
 def _series(solution: Solution) -> Row:
-    return {**asdict(solution.series), "solution_id": solution.solution_id}
+    return {**vars(solution.series), "solution_id": solution.solution_id}

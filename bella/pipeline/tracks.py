@@ -115,7 +115,7 @@ def fitted_track(posterior: xr.Dataset, timing: Timing, series: Series, settings
     """
     table = timing.arrivals if timing.channels is None else timing.channels
     preset = find_preset(series.preset)
-    grid = apply_sigma_rule(arrival_grid(table, heard_by=1), preset)
+    grid = apply_sigma_rule(arrival_grid(table, received_by=1), preset)
     line = track_fit(posterior)
     model = TrackModel(rotation_period_d=line["rotation_period_d"], delay=preset.delay)
     fit = fit_track(grid, model, draws=max(settings.draws, FEWEST_DRAWS), seed=settings.seed)
@@ -186,7 +186,7 @@ def burst_directions(spectra: Iterable[xr.Dataset], window: Window, band_mhz: tu
     spectra : iterable of xarray.Dataset
         Over their background.
     window : tuple of numpy.datetime64
-        When the burst was heard.
+        When the burst was received.
     band_mhz : tuple of float
         Lowest and highest frequency of the burst.
 

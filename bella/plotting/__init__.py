@@ -10,8 +10,18 @@ from typing import TYPE_CHECKING, Any
 from bella.exceptions import require_extra
 from bella.plotting.constellation import MapView, constellation_caption, constellation_figure, thumbnail
 from bella.plotting.evolution import evolution_caption, evolution_figure, residual_caption, residual_figure
-from bella.plotting.export import KINDS, MEDIA_TYPES, Caption, Kind, Theme, exported, origin_warning, write_figure
-from bella.plotting.fleet import day_caption, write_day_svg
+from bella.plotting.export import (
+    KINDS,
+    MEDIA_TYPES,
+    Caption,
+    Kind,
+    Theme,
+    exported,
+    origin_warning,
+    write_figure,
+    write_whole,
+)
+from bella.plotting.fleet import day_caption, day_figure
 from bella.plotting.geometry import TrackView, polar_track, selected_regions, speed_remark
 from bella.plotting.palette import edge_name
 from bella.plotting.planning import planning_caption, planning_figure
@@ -28,11 +38,9 @@ from bella.plotting.svg import figure_style
 from bella.plotting.timeline import DayMark, OnsetMark, calendar_figure, strips_figure
 
 if TYPE_CHECKING:
-    from bella.plotting.aligned import write_aligned_png
     from bella.plotting.calibration import comparison_panels, write_calibration_png
     from bella.plotting.collapsed import write_collapsed_png
     from bella.plotting.coverage import write_coverage_png
-    from bella.plotting.day import write_spectrum_png
     from bella.plotting.edges import write_edge_figures
     from bella.plotting.light_curves import write_light_curves_png
     from bella.plotting.quick import draw_arrivals, draw_detections, draw_positions, draw_track
@@ -58,6 +66,7 @@ __all__ = [
     "constellation_caption",
     "constellation_figure",
     "day_caption",
+    "day_figure",
     "draw_arrivals",
     "draw_detections",
     "draw_positions",
@@ -83,17 +92,15 @@ __all__ = [
     "strips_figure",
     "thumbnail",
     "wind_figure",
-    "write_aligned_png",
     "write_calibration_png",
     "write_collapsed_png",
     "write_coverage_png",
-    "write_day_svg",
     "write_density_png",
     "write_edge_figures",
     "write_figure",
     "write_light_curves_png",
     "write_polar_fit_png",
-    "write_spectrum_png",
+    "write_whole",
     "write_wind_map_png",
 ]
 
@@ -104,7 +111,6 @@ _DRAWN_IN = {
     "draw_positions": "bella.plotting.quick",
     "draw_track": "bella.plotting.quick",
     "comparison_panels": "bella.plotting.calibration",
-    "write_aligned_png": "bella.plotting.aligned",
     "write_calibration_png": "bella.plotting.calibration",
     "write_collapsed_png": "bella.plotting.collapsed",
     "write_coverage_png": "bella.plotting.coverage",
@@ -112,7 +118,6 @@ _DRAWN_IN = {
     "write_edge_figures": "bella.plotting.edges",
     "write_light_curves_png": "bella.plotting.light_curves",
     "write_polar_fit_png": "bella.plotting.track",
-    "write_spectrum_png": "bella.plotting.day",
     "write_wind_map_png": "bella.plotting.wind",
 }
 

@@ -208,15 +208,15 @@ def _frequency_scale(track: TrackView) -> Iterator[str]:
     """Colours of the frequencies, in the corner below."""
     channels = track.posterior["frequency"].to_numpy()
     scale = Scale(float(channels.min()), float(channels.max()), 16.0, 136.0, is_log=True)
-    top, count = SIZE[1] - 30.0, 24
+    top, count = SIZE[1] - 38.0, 24
     if scale.low == scale.high:
         return
-    yield element("rect", x=6, y=top - 12, width=SCALE_ROOM[0] - 12, height=38, class_="sky under")
+    yield element("rect", x=6, y=top - 12, width=SCALE_ROOM[0] - 12, height=46, class_="sky under")
     for index in range(count):
         x, width = 16.0 + index * 120.0 / count, 120.0 / count + 0.6
         yield element("rect", x=x, y=top, width=width, height=7, fill=colour_at((index + 0.5) / count))
     for tick in scale.among(FREQUENCY_TICKS_MHZ):
-        yield words(f"{tick:g}", float(scale(tick)), top + 19, class_="tick", text_anchor="middle")
+        yield words(f"{tick:g}", float(scale(tick)), top + 25, class_="tick", text_anchor="middle")
     yield words("MHz", 142.0, top + 8, class_="tick")
 
 

@@ -9,9 +9,10 @@ import xarray as xr
 
 from bella.bursts.shared_profile import collapsed_samples
 from bella.bursts.timing import TimedBurst
-from bella.plotting.aligned import write_aligned_png
 from bella.plotting.collapsed import write_collapsed_png
+from bella.plotting.export import Caption, write_figure
 from bella.plotting.light_curves import write_light_curves_png
+from bella.plotting.spectra import SpectraView, spectra_caption, spectra_figure
 from bella.spacecraft import light_time_s
 from bella.spectra import over_background
 
@@ -21,7 +22,7 @@ MOST_CHANNELS = 5
 def write_edge_figures(
     folder: Path, spectra: Mapping[str, xr.Dataset], timed: TimedBurst, arrivals: pd.DataFrame | None
 ) -> None:
-    """Write ``aligned.png``, ``light_curves.png`` and, where there is a shared profile, ``shared_profile.png``.
+    """Write ``aligned.svg``, ``light_curves.png`` and, where there is a shared profile, ``shared_profile.png``.
 
     Parameters
     ----------
@@ -41,7 +42,13 @@ def write_edge_figures(
     }
     utc = np.array([timed.reference_utc])
     from_sun_s = {name: float(light_time_s(name, utc, np.zeros(3))[0]) for name in names}
-    write_aligned_png(folder / "aligned.png", shown, timed.edges, from_sun_s, arrivals)
+    edges = timed.edges[timed.edges["flag"] == ""]
+    drawn = {str(edge): rows for edge, rows in edges.groupby("edge", sort=False)}
+    if arrivals is not None:
+        drawn["arrival table"] = arrivals
+    earlier = {name: -one for name, one in from_sun_s.items()}
+    aligned = spectra_figure(xr.DataTree.from_dict(shown), drawn, SpectraView(clock="sun", shift_s=earlier))
+    write_figure(folder / "aligned.svg", aligned, Caption(spectra_caption("sun")))
     if timed.collapsed:
         write_collapsed_png(folder / "shared_profile.png", collapsed_samples(timed.collapsed))
     rows = np.unique(timed.edges.loc[timed.edges["flag"] == "", "frequency_mhz"])

@@ -2,7 +2,6 @@
 
 from collections.abc import Iterator, Sequence
 from datetime import date
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -11,10 +10,9 @@ import xarray as xr
 
 from bella.exceptions import NoDataError
 from bella.flags import LOCALISABLE, REJECTED
-from bella.plotting.export import write_whole
 from bella.plotting.palette import BRIGHTNESS_SCALE, FREQUENCY_TICKS_MHZ
 from bella.plotting.printed import require_columns
-from bella.plotting.svg import Scale, element, figure, line, picture, time_of_day, unix_s, words
+from bella.plotting.svg import Scale, element, figure, line, number, picture, time_of_day, unix_s, words
 from bella.spectra import over_background
 from bella.units import DAY_S, FloatArray
 
@@ -26,6 +24,9 @@ COLUMNS, ROWS = 720, 100
 LOWEST_MHZ = 0.02
 """Bursts end above it; what receivers of plasma waves measure below would take a third of the height."""
 
+MOST_BOXES = 300
+"""More boxes than these on one spectrum cannot be chosen one by one."""
+
 LEAST_HIGHEST_DB, MOST_HIGHEST_DB, BRIGHTEST_SHARE = 6.0, 25.0, 0.997
 WIDEST_CHANNEL = 1.35
 """A channel reaches no farther than to this times, or one over this, its own frequency: bands apart stay apart."""
@@ -34,13 +35,11 @@ GAP_RECORDS = 0.75
 """A record reaches no farther than this many usual steps; what is between records farther apart stays grey."""
 
 
-def write_day_svg(path: Path, day: date, spectra: Sequence[xr.Dataset], detections: pd.DataFrame) -> None:
-    """Write the spectra of a day as SVG, with what was found outlined; the file appears whole or not at all.
+def day_figure(day: date, spectra: Sequence[xr.Dataset], detections: pd.DataFrame) -> str:
+    """Spectra of a day with what was found outlined, SVG.
 
     Parameters
     ----------
-    path : Path
-        Its folder is made when it does not exist.
     day : datetime.date
         UTC; what spectra hold of other days is not shown.
     spectra : sequence of xarray.Dataset
@@ -48,6 +47,10 @@ def write_day_svg(path: Path, day: date, spectra: Sequence[xr.Dataset], detectio
         taken away a second time from what :func:`bella.spectra.over_background` returned.
     detections : pandas.DataFrame
         Detection table, of which each box leads to its burst. What was rejected is dashed.
+
+    Returns
+    -------
+    str
 
     Raises
     ------
@@ -73,9 +76,7 @@ def write_day_svg(path: Path, day: date, spectra: Sequence[xr.Dataset], detectio
     rejected = int((detections["tier"] == REJECTED).sum())
     counts = f"{len(detections) - rejected} detections and {rejected} rejected candidates"
     title = f"Dynamic spectra of {names} on {day} with {counts} outlined."
-    drawn_day = figure("day", (WIDTH, height), title, *drawn, *_hours(time, height - FOOT))
-    # without a style of its own: it becomes a part of the page
-    write_whole(path, drawn_day)
+    return figure("day", (WIDTH, height), title, *drawn, *_hours(time, height - FOOT))
 
 
 def day_caption(day: date) -> str:
@@ -102,9 +103,26 @@ def _panel(over: xr.Dataset, time: Scale, top: float, detections: pd.DataFrame) 
     yield words(name, time.start, top - 7, class_="panel-name")
     receiver = f"MHz · {over.attrs.get('receiver', '')}, {over.sizes['frequency']} channels"
     yield words(receiver, time.end, top - 7, class_="panel-unit", text_anchor="end")
-    own = detections[detections["observatory"] == name]
-    for row in own.to_dict("records"):
-        yield from _box({str(key): value for key, value in row.items()}, time, scale)
+    own = [
+        {str(key): value for key, value in row.items()}
+        for row in detections[detections["observatory"] == name].to_dict("records")
+    ]
+    if len(own) > MOST_BOXES:
+        yield from _boxes_together(own, time, scale)
+        return
+    for row in own:
+        yield from _box(row, time, scale)
+
+
+def _boxes_together(rows: Sequence[dict[str, Any]], time: Scale, scale: Scale) -> Iterator[str]:
+    """Outlines of more detections than anybody can choose between: a path for each kind."""
+    drawn: dict[str, list[str]] = {}
+    for row in rows:
+        if (corners := _corners(row, time, scale)) is not None:
+            left, top, right, bottom = (number(one) for one in corners)
+            drawn.setdefault(_kind(str(row["tier"])), []).append(f"M{left} {top}H{right}V{bottom}H{left}Z")
+    for kind, some in drawn.items():
+        yield element("path", d="".join(some), class_=f"box {kind}")
 
 
 def _shares(over: xr.Dataset, time: Scale, scale: Scale) -> FloatArray:
@@ -137,22 +155,33 @@ def _shares(over: xr.Dataset, time: Scale, scale: Scale) -> FloatArray:
     return np.asarray(picked / highest)
 
 
-def _box(row: dict[str, Any], time: Scale, scale: Scale) -> Iterator[str]:
-    """Outline of a detection, which leads to its burst; its onset above where that was localised."""
+def _corners(row: dict[str, Any], time: Scale, scale: Scale) -> tuple[float, float, float, float] | None:
+    """Left, top, right and bottom of the box of a detection; None where it is not on the day."""
     ends = np.clip(time(unix_s([row["start_utc"], row["end_utc"]])), time.start, time.end)
     if ends[1] <= ends[0]:
-        return
+        return None
     low, high = (float(scale(row[name])) for name in ("f_low_mhz", "f_high_mhz"))
-    low, high = min(low + 2, scale.start), max(high - 2, scale.end)
+    return float(ends[0]), max(high - 2, scale.end), float(ends[1]), min(low + 2, scale.start)
+
+
+def _kind(tier: str) -> str:
+    return "localised" if tier == LOCALISABLE else "rejected" if tier == REJECTED else "burst"
+
+
+def _box(row: dict[str, Any], time: Scale, scale: Scale) -> Iterator[str]:
+    """Outline of a detection, which leads to its burst; its onset above where that was localised."""
+    corners = _corners(row, time, scale)
+    if corners is None:
+        return
+    left, top, right, bottom = corners
     tier = str(row["tier"])
     onset = time_of_day(float(unix_s([row["start_utc"]])[0]))
     burst = str(row.get("burst_id") or "")
     said = f"{onset} {burst} {'no burst' if tier == REJECTED else tier} {row['reason']}".replace("_", " ").strip()
-    kind = f"box {'localised' if tier == LOCALISABLE else 'rejected' if tier == REJECTED else 'burst'}"
-    shape = element("rect", x=ends[0], y=high, width=float(ends[1] - ends[0]), height=low - high, class_=kind)
+    shape = element("rect", x=left, y=top, width=right - left, height=bottom - top, class_=f"box {_kind(tier)}")
     inside = [element("title", said), shape]
     if tier == LOCALISABLE:
-        inside.append(words(onset, float(ends[0]), scale.end - 3, class_="onset-label"))
+        inside.append(words(onset, left, scale.end - 3, class_="onset-label"))
     yield element("a", *inside, href=f"#{burst}") if burst else element("g", *inside)
 
 

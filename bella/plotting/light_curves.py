@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
+import numpy.typing as npt
 import pandas as pd
 import xarray as xr
 from matplotlib.axes import Axes
@@ -16,7 +17,6 @@ from matplotlib.dates import DateFormatter, HourLocator, MinuteLocator
 from matplotlib.figure import Figure
 
 from bella.exceptions import InputError
-from bella.plotting.day import shown_day
 from bella.plotting.palette import INK, TrackStyle, edge_name, track_style
 from bella.plotting.printed import ARRIVAL_COLUMNS, FLAGGED, day_numbers, is_flagged, require_columns, save_png
 from bella.spectra import power_above_background, sample_times
@@ -242,3 +242,9 @@ def _finish(
             frameon=False,
             ncols=len(names),
         )
+
+
+def shown_day(time: npt.NDArray[np.datetime64]) -> str:
+    """Day of a time axis, or its first and last, such as "2010-01-17"."""
+    first, last = (str(moment.astype("datetime64[D]")) for moment in time[[0, -1]])
+    return first if first == last else f"{first} to {last}"

@@ -235,10 +235,10 @@ def timed_edges(table: pd.DataFrame | xr.Dataset) -> dict[str, TimedEdge]:
 def _edge_of_posterior(posterior: xr.Dataset) -> TimedEdge:
     start = np.datetime64(str(posterior.attrs["reference_time"]).removesuffix("Z"), "ns")
     seconds = posterior["arrival_s"].to_numpy().astype(np.float64)
-    heard = np.isfinite(seconds)
-    time = start + (seconds[heard] * 1e9).astype("timedelta64[ns]")
+    received = np.isfinite(seconds)
+    time = start + (seconds[received] * 1e9).astype("timedelta64[ns]")
     frequency = posterior["frequency"].to_numpy().astype(np.float64)
-    return TimedEdge(frequency[heard], time, posterior["sigma_s"].to_numpy().astype(np.float64)[heard])
+    return TimedEdge(frequency[received], time, posterior["sigma_s"].to_numpy().astype(np.float64)[received])
 
 
 def _panel(observatory: str, spectrum: xr.Dataset) -> Panel:

@@ -117,7 +117,7 @@ def _simulate(root: Path, day: date, seed: int, datasets: Sequence[str]) -> dict
 
 
 def sky_of(day: date, seed: int) -> Sky:
-    """What is to be heard on a day, the same for every call with its date and seed.
+    """What is to be received on a day, the same for every call with its date and seed.
 
     Parameters
     ----------

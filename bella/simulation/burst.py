@@ -112,7 +112,7 @@ Beams slow down: Krupar et al. 2015, A&A 580, A137, doi:10.1051/0004-6361/201425
 
 @dataclass(frozen=True)
 class Companion:
-    """The other component of a burst, heard at the same frequencies: the fundamental beside the harmonic.
+    """The other component of a burst, received at the same frequencies: the fundamental beside the harmonic.
 
     Attributes
     ----------
@@ -243,7 +243,7 @@ class SimulatedBurst:
             raise InputError(f"width_factor is {self.width_factor:g}; give a number above zero")
 
 
-class Heard(NamedTuple):
+class Received(NamedTuple):
     """Pulses that a spacecraft receives at each of C frequencies: components by repetitions, P together."""
 
     arrival_s: FloatArray
@@ -408,18 +408,18 @@ def _geometry(
     range_rsun = source_range_rsun(burst, frequency_mhz, harmonic)
     source = _position_rsun(burst, range_rsun)
     emitted = travel_s(burst, range_rsun)
-    heard = emitted
+    received = emitted
     for _ in range(LIGHT_TIME_STEPS):  # the receiver moves while the light is under way
-        receiver = position_hee(observatory, _at(burst, heard), burst.release_utc)
+        receiver = position_hee(observatory, _at(burst, received), burst.release_utc)
         towards = receiver - source
         away_rsun = np.linalg.norm(towards, axis=1)
-        heard = emitted + away_rsun / C_RSUN_S
+        received = emitted + away_rsun / C_RSUN_S
     outward = source / range_rsun[:, None]
     seen = (outward * receiver).sum(axis=1) / np.linalg.norm(receiver, axis=1)
-    return _Geometry(heard, 1.0 - (outward * towards).sum(axis=1) / away_rsun, seen)
+    return _Geometry(received, 1.0 - (outward * towards).sum(axis=1) / away_rsun, seen)
 
 
-def heard(burst: SimulatedBurst, frequency_mhz: FloatArray, observatory: str) -> Heard:
+def received(burst: SimulatedBurst, frequency_mhz: FloatArray, observatory: str) -> Received:
     """Pulses of a burst that a spacecraft receives at each frequency, those outside its band with height 0.
 
     The beam pattern is exp((cos(angle) - 1) / width), the angle being that between spacecraft and source as seen from
@@ -434,7 +434,7 @@ def heard(burst: SimulatedBurst, frequency_mhz: FloatArray, observatory: str) ->
 
     Returns
     -------
-    Heard
+    Received
 
     Raises
     ------
@@ -461,7 +461,7 @@ def heard(burst: SimulatedBurst, frequency_mhz: FloatArray, observatory: str) ->
             (arrived + later_s, share * peak, aspect.rise * wider * rise_s, aspect.decay * wider * decay_s)
             for later_s, share in followed
         ]
-    return Heard(*(np.stack(values, axis=1) for values in zip(*columns, strict=True)))
+    return Received(*(np.stack(values, axis=1) for values in zip(*columns, strict=True)))
 
 
 def _in_band(burst: SimulatedBurst, frequency_mhz: FloatArray) -> FloatArray:
@@ -491,7 +491,7 @@ def arrival_s(burst: SimulatedBurst, frequency_mhz: FloatArray, observatory: str
     NoDataError
         If the ephemeris does not have the spacecraft then.
     """
-    what = heard(burst, frequency_mhz, observatory)
+    what = received(burst, frequency_mhz, observatory)
     if what.arrival_s.shape[1] == 1:
         return np.asarray(what.arrival_s[:, 0])
     first = (what.arrival_s - EDGE_BEFORE * what.rise_s).min(axis=1)
@@ -535,7 +535,7 @@ def contrast_at(burst: SimulatedBurst, frequency_mhz: FloatArray, observatory: s
     inside = (frequency >= burst.f_low_mhz) & (frequency <= burst.f_high_mhz)
     contrast = np.zeros(frequency.shape)
     if inside.any():
-        contrast[inside] = heard(burst, frequency[inside], observatory).height.max(axis=1)
+        contrast[inside] = received(burst, frequency[inside], observatory).height.max(axis=1)
     return contrast
 
 
@@ -575,4 +575,4 @@ def true_arrivals(
         )
         for name in observatories
     ]
-    return check_arrivals(pd.concat(parts, ignore_index=True), source="simulated burst", heard_by=2)
+    return check_arrivals(pd.concat(parts, ignore_index=True), source="simulated burst", received_by=2)

@@ -13,7 +13,7 @@ import xarray as xr
 from scipy.interpolate import interp1d
 
 from bella.exceptions import InputError
-from bella.simulation.burst import SimulatedBurst, heard, source_position_rsun
+from bella.simulation.burst import SimulatedBurst, received, source_position_rsun
 from bella.spacecraft import position_hee
 from bella.spectra.dynamic_spectrum import validate_spectrum
 from bella.units import FloatArray
@@ -198,7 +198,7 @@ def _add(power: FloatArray, receiver: Receiver, burst: SimulatedBurst, released_
     band = np.flatnonzero((channels >= burst.f_low_mhz) & (channels <= burst.f_high_mhz))
     if not band.size:
         return
-    what = heard(burst, channels[band], receiver.observatory)
+    what = received(burst, channels[band], receiver.observatory)
     curves, half_s = what.curves(burst.pulse.family), 0.5 * receiver.integration_s
     begin_s, height = what.arrival_s.ravel(), what.height.ravel()
     column = np.repeat(band, what.height.shape[1])

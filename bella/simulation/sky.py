@@ -1,4 +1,4 @@
-"""What is to be heard on a day: bursts, storms of weak ones, and what is none, drawn at random.
+"""What is to be received on a day: bursts, storms of weak ones, and what is none, drawn at random.
 
 Bursts do not follow the laws of the templates they are searched with: their light curves, widths, densities, drifts,
 bands and brightnesses scatter. How a burst departs from a single pulse of a beam of constant speed is its stratum.
@@ -85,7 +85,7 @@ class Conditions:
 
 @dataclass(frozen=True)
 class Sky:
-    """What is to be heard on a day.
+    """What is to be received on a day.
 
     Attributes
     ----------
@@ -105,7 +105,7 @@ class Sky:
 
 
 def draw_sky(day: date, observatories: Sequence[str], rng: np.random.Generator) -> Sky:
-    """Draw what is to be heard on a day.
+    """Draw what is to be received on a day.
 
     Parameters
     ----------

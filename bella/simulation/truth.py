@@ -69,11 +69,11 @@ def burst_truth(burst: SimulatedBurst, observatories: Sequence[str]) -> dict[str
         "frequency_mhz": frequency_mhz.tolist(),
         "source_range_rsun": np.linalg.norm(position, axis=1).tolist(),
         "position_rsun": position.tolist(),
-        "heard": {name: _heard(burst, frequency_mhz, name) for name in observatories},
+        "heard": {name: _received(burst, frequency_mhz, name) for name in observatories},
     }
 
 
-def _heard(burst: SimulatedBurst, frequency_mhz: np.ndarray, observatory: str) -> dict[str, Any]:
+def _received(burst: SimulatedBurst, frequency_mhz: np.ndarray, observatory: str) -> dict[str, Any]:
     half_rise_s = arrival_s(burst, frequency_mhz, observatory)
     light_s = light_arrival_s(burst, frequency_mhz, observatory)
     return {

@@ -93,9 +93,9 @@ def fit_table(
         (:class:`~bella.exceptions.NotPlacedError`).
     """
     chosen = recipe or TrackRecipe()
-    table = check_arrivals(arrivals, heard_by=LEAST_OBSERVATORIES)
+    table = check_arrivals(arrivals, received_by=LEAST_OBSERVATORIES)
     located = locate_receivers(table)
-    grid = arrival_grid(located, heard_by=1, covariance_s2=chosen.covariance_s2)
+    grid = arrival_grid(located, received_by=1, covariance_s2=chosen.covariance_s2)
     preset = find_preset(chosen.preset)
     grid = apply_sigma_rule(grid, preset)
     if len(grid.observatories) < MIN_OBSERVATORIES:
@@ -122,8 +122,8 @@ def _preliminary(grid: ArrivalGrid, other_edges: pd.DataFrame | None) -> Track:
     """What two spacecraft say: regions of the longitude, a side and distances."""
     other = None
     if other_edges is not None:
-        located = locate_receivers(check_arrivals(other_edges, source="other edges", heard_by=LEAST_OBSERVATORIES))
-        other = arrival_grid(located, heard_by=1)
+        located = locate_receivers(check_arrivals(other_edges, source="other edges", received_by=LEAST_OBSERVATORIES))
+        other = arrival_grid(located, received_by=1)
         if set(other.observatories) != set(grid.observatories):
             raise InputError("other edges are of other spacecraft: give both tables of one burst")
         if other.edge == grid.edge:

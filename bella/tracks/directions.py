@@ -259,7 +259,7 @@ def direction_terms(
     Raises
     ------
     InputError
-        If an observatory cannot be placed, or the floor is not an angle.
+        If the position of an observatory is not known, or the floor is not an angle.
     NoDataError
         If the time is outside the ephemeris.
     """

@@ -126,7 +126,7 @@ def preliminary_track(grid: ArrivalGrid) -> JointTrack:
     Parameters
     ----------
     grid : ArrivalGrid
-        Channels need not be common to the spacecraft (``arrival_grid(table, heard_by=1)``). Where the table has no
+        Channels need not be common to the spacecraft (``arrival_grid(table, received_by=1)``). Where the table has no
         ``shape_sd_s`` and no ``offset_sd_s``, `SHAPE_OF_RISE` and `OFFSET_SD_S` are taken.
 
     Returns
@@ -192,10 +192,10 @@ def _parameter(quantiles: FloatArray, contraction: float) -> Parameter:
 
 
 def _profile(model: ArrivalModel, modes: Modes) -> tuple[SourceAt, ...]:
-    """Distance at a few frequencies within those that were heard; the longitude is left empty."""
-    heard = model.rows.frequency_mhz
+    """Distance at a few frequencies within those that were received; the longitude is left empty."""
+    received = model.rows.frequency_mhz
     profile = []
-    for frequency in (one for one in PROFILE_MHZ if heard.min() <= one <= heard.max()):
+    for frequency in (one for one in PROFILE_MHZ if received.min() <= one <= received.max()):
         basis = model.prior.basis(np.array([frequency]))[0]
         by_z = basis @ model.prior.root
         mean = basis @ model.prior.mean + modes.z[:, :5] @ by_z
@@ -210,8 +210,8 @@ def _profile(model: ArrivalModel, modes: Modes) -> tuple[SourceAt, ...]:
 def _noise(grid: ArrivalGrid, modes: Modes) -> NoiseOfEdges:
     """What was taken for the noise of the edges, in half widths of the rise."""
     assumed = grid.measured_s2 is None and not grid.shape_sd_s.any()
-    heard = np.isfinite(grid.arrival_s)
-    shape = SHAPE_OF_RISE if assumed else float(np.median((grid.shape_sd_s / np.asarray(grid.rise_s))[heard]))
+    received = np.isfinite(grid.arrival_s)
+    shape = SHAPE_OF_RISE if assumed else float(np.median((grid.shape_sd_s / np.asarray(grid.rise_s))[received]))
     scale = LITERATURE_DELAY.kappa_sd
     mean = LITERATURE_DELAY.kappa + scale * modes.z[:, 6]
     quantiles = _quantiles(mean, scale * np.sqrt(modes.covariance[:, 6, 6]), _weights(modes))
@@ -258,13 +258,13 @@ def separation_deg(grid: ArrivalGrid) -> float:
 
 def _too_little(grid: ArrivalGrid) -> str | None:
     """Why arrival times are too few to be fitted at all; None if they are not."""
-    heard = np.isfinite(grid.arrival_s)
+    received = np.isfinite(grid.arrival_s)
     if len(grid.observatories) < 2:
         return f"only {grid.observatories[0]} has arrival times; a preliminary track needs two spacecraft"
-    low = max(grid.frequency_mhz[column].min() for column in heard.T)
-    high = min(grid.frequency_mhz[column].max() for column in heard.T)
+    low = max(grid.frequency_mhz[column].min() for column in received.T)
+    high = min(grid.frequency_mhz[column].max() for column in received.T)
     shared = (grid.frequency_mhz >= low) & (grid.frequency_mhz <= high)
-    fewest = int(heard[shared].sum(axis=0).min()) if shared.any() else 0
+    fewest = int(received[shared].sum(axis=0).min()) if shared.any() else 0
     if fewest < LEAST_CHANNELS or high < LEAST_SPAN * low:
         return (
             f"the spacecraft share too few frequencies: {fewest} channels between {low:.3g} and {high:.3g} MHz; "

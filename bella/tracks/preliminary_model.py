@@ -244,21 +244,21 @@ def rows_of(grid: ArrivalGrid) -> Rows:
         shape = grid.shape_sd_s if grid.shape_sd_s.any() else SHAPE_OF_RISE * np.asarray(grid.rise_s)
         offset = grid.offset_sd_s if grid.offset_sd_s.any() else np.asarray(OFFSET_SD_S)
         grid = replace(grid, shape_sd_s=shape, offset_sd_s=offset)
-    heard = np.isfinite(grid.arrival_s)
-    row, column = np.nonzero(heard)
+    received = np.isfinite(grid.arrival_s)
+    row, column = np.nonzero(received)
     frequency = grid.frequency_mhz[row]
-    average = _average(column, grid.sigma_s[heard])
+    average = _average(column, grid.sigma_s[received])
     departure = DEPARTURE * TRAVEL_AT_055_MHZ_S * 0.55 / frequency
     apart = np.subtract.outer(*2 * [np.log(frequency)]) / DEPARTURE_LN_F
     covariance = grid.covariance_s2() + np.outer(departure, departure) * np.exp(-0.5 * apart**2)
     covariance[np.diag_indices_from(covariance)] += LEAST_S2
-    arrival = (grid.arrival_s - grid.delay_s)[heard]
+    arrival = (grid.arrival_s - grid.delay_s)[received]
     covariance = average @ covariance @ average.T
     return Rows(
         np.exp(average @ np.log(frequency)),
-        average @ grid.receiver_rsun[heard],
+        average @ grid.receiver_rsun[received],
         average @ (arrival - np.median(arrival)),
-        average @ np.asarray(grid.rise_s)[heard],
+        average @ np.asarray(grid.rise_s)[received],
         covariance,
         _whitener(covariance),
     )

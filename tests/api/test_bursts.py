@@ -178,6 +178,8 @@ def test_a_figure_that_is_known_is_not_sent_again(client: TestClient, name: str)
     assert first.headers["content-type"] == "image/svg+xml"
     again = client.get(f"{BURST}/figures/{name}.svg", headers={"If-None-Match": first.headers["etag"]})
     assert (again.status_code, again.content) == (304, b"")
+    for another in ("png", "svg?theme=dark"):
+        assert client.get(f"{BURST}/figures/{name}.{another}").headers["etag"] != first.headers["etag"]
     other = client.get(f"{BURST}/figures/{name}.svg", headers={"If-None-Match": '"other"'})
     assert other.status_code == 200
 

@@ -1,4 +1,4 @@
-"""Searched days over REST and as pages: every burst that was heard, placed or not, and what was not searched."""
+"""Searched days over REST and as pages: every burst that was received, placed or not, and what was not searched."""
 
 import re
 from collections.abc import Iterator
@@ -14,7 +14,7 @@ from bella.records import DayAnswer
 from bella.settings import Settings
 from tests.api.published import published, settings_of, synthetic_burst
 from tests.api.test_pages import page
-from tests.catalogue.test_detections import DAY, heard
+from tests.catalogue.test_detections import DAY, received
 
 PLACED = "T3-20200721-0300"
 GROUP = {"tier": "catalogued", "reason": "not localisable: received by 2 of 3 spacecraft, gap_in_flank at SOLO"}
@@ -28,10 +28,10 @@ DRAWN = '<svg class="figure day" viewBox="0 0 400 100"><title>day</title></svg>'
 def home(tmp_path_factory: pytest.TempPathFactory) -> Settings:
     """Five searched days over three months; the 21st of July has a burst that was placed, and its figure."""
     found = [
-        *(heard(3, name) for name in ("WIND", "STEREO-A", "SOLO")),
-        *(heard(7, name, **GROUP) for name in ("WIND", "SOLO")),
-        heard(8, "JUICE", tier="catalogued", reason="", burst_id=""),
-        heard(9, **REFUSED),
+        *(received(3, name) for name in ("WIND", "STEREO-A", "SOLO")),
+        *(received(7, name, **GROUP) for name in ("WIND", "SOLO")),
+        received(8, "JUICE", tier="catalogued", reason="", burst_id=""),
+        received(9, **REFUSED),
     ]
     settings = settings_of(tmp_path_factory.mktemp("days"))
     with Catalogue.open(settings.catalogue_url, create=True) as catalogue:
@@ -197,7 +197,7 @@ def test_bursts_and_the_catalogue_lead_to_days(reader: TestClient) -> None:
 
 def test_reasons_cannot_write_into_the_page(empty: Settings) -> None:
     with Catalogue.open(empty.catalogue_url) as catalogue:
-        catalogue.record_day(DAY, [heard(3, reason="<script>alert(1)</script>", tier="catalogued")])
+        catalogue.record_day(DAY, [received(3, reason="<script>alert(1)</script>", tier="catalogued")])
     with TestClient(create_app(empty)) as client:
         assert "<script>alert" not in page(client, "/days/2020-07-21")
 

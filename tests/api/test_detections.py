@@ -9,7 +9,7 @@ from fastapi.testclient import TestClient
 from api.app import create_app
 from bella.catalogue import Catalogue
 from bella.settings import Settings
-from tests.catalogue.test_detections import DAY, heard
+from tests.catalogue.test_detections import DAY, received
 
 
 @pytest.fixture
@@ -18,7 +18,7 @@ def searched(empty: Settings) -> Iterator[TestClient]:
     group = {"tier": "catalogued", "reason": "not localisable: group", "isolated": False}
     refused = {"tier": "rejected", "reason": "no_drift", "burst_id": ""}
     with Catalogue.open(empty.catalogue_url) as catalogue:
-        catalogue.record_day(DAY, [heard(3), replace(heard(7), **group), replace(heard(9), **refused)])
+        catalogue.record_day(DAY, [received(3), replace(received(7), **group), replace(received(9), **refused)])
     with TestClient(create_app(empty), raise_server_exceptions=False) as reader:
         yield reader
 

@@ -7,6 +7,7 @@ import pytest
 from fastapi.testclient import TestClient
 
 from api.app import create_app
+from api.freshness import tag_of
 from bella.catalogue import Catalogue, ListRead, SearchedDay
 from bella.settings import Settings
 from tests.api.published import publish_event
@@ -140,7 +141,10 @@ def test_a_linked_event_changes_its_burst(empty: Settings) -> None:
         assert parsedate_to_datetime(reply.headers["last-modified"]) == read_utc
 
 
-def test_what_may_change_again_in_the_same_minute_has_no_date(client: TestClient) -> None:
+def test_what_may_change_again_in_the_same_minute_has_no_date(
+    client: TestClient, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("api.freshness.SETTLED", timedelta(days=1))  # however long ago the tests began
     assert "last-modified" not in client.get("/api/v1/bursts").headers
 
 
@@ -148,6 +152,12 @@ def test_an_empty_catalogue_has_no_date(empty: Settings, settled: None) -> None:
     with TestClient(create_app(empty)) as reader:
         for path in ("bursts", "detections", "files"):
             assert "last-modified" not in reader.get(f"/api/v1/{path}").headers
+
+
+def test_other_software_has_other_tags(monkeypatch: pytest.MonkeyPatch) -> None:
+    before = tag_of((), "figure")
+    monkeypatch.setattr("api.freshness.__version__", "another")
+    assert tag_of((), "figure") != before
 
 
 def test_errors_and_what_is_written_have_no_tag(client: TestClient) -> None:

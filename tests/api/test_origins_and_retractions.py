@@ -14,7 +14,7 @@ from bella.records import Origin
 from bella.settings import Settings
 from tests.api.published import ONSET, published, settings_of, synthetic_burst
 from tests.api.test_pages import page
-from tests.catalogue.test_detections import DAY, heard
+from tests.catalogue.test_detections import DAY, received
 from tests.formats.reading import read_back
 from tests.plotting.synthetic import BURST_ID
 
@@ -33,8 +33,8 @@ def home(tmp_path_factory: pytest.TempPathFactory) -> Settings:
         for burst_id, origin in OTHERS.items():
             published(settings, catalogue, burst=replace(synthetic_burst(burst_id=burst_id), origin=origin))
         catalogue.retract("T3-20120607-2100", "timed on <interference>")
-        catalogue.record_day(DAY, [heard(3)])
-        catalogue.record_day(replace(DAY, origin=Origin.SIMULATED), [heard(5), heard(7)])
+        catalogue.record_day(DAY, [received(3)])
+        catalogue.record_day(replace(DAY, origin=Origin.SIMULATED), [received(5), received(7)])
         catalogue.record_day(replace(DAY, day=DAY.day.replace(day=25), origin=Origin.TEST), [])
     return settings
 
@@ -140,6 +140,11 @@ def test_a_kept_figure_of_a_retracted_burst_says_so(reader: TestClient) -> None:
     kept = reader.get("/api/v1/bursts/T3-20120607-2100/figures/constellation.svg").text
     assert "RETRACTED BURST" in kept
     assert "Retracted burst: timed on &lt;interference&gt;." in kept
+
+
+def test_figures_of_a_selection_say_when_bursts_are_not_real(reader: TestClient) -> None:
+    assert "SIMULATED" not in reader.get("/api/v1/figures/longitude.svg").text
+    assert "SIMULATED DATA" in reader.get("/api/v1/figures/longitude.svg?origin=all").text
 
 
 def test_a_retracted_burst_is_a_tombstone_everywhere(reader: TestClient) -> None:

@@ -73,6 +73,13 @@ def test_the_map_is_a_file_that_says_how_to_cite_it(client: TestClient) -> None:
     assert dark.content.startswith(b"\x89PNG")
 
 
+@pytest.mark.parametrize(
+    ("radius", "said"), [(12.5, "yes"), (12.6, "roughly"), (25.0, "roughly"), (25.1, "no"), (None, "no")]
+)
+def test_a_source_is_located_within_a_quarter_of_its_distance(radius: float | None, said: str) -> None:
+    assert planning.verdict(radius, 50.0) == said
+
+
 def test_one_prediction_at_a_time_and_those_who_wait_too_long_are_told(
     client: TestClient, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -83,6 +90,5 @@ def test_one_prediction_at_a_time_and_those_who_wait_too_long_are_told(
     assert "try again" in reply.json()["detail"]
     assert reply.headers["retry-after"]
     assert client.get(f"/api/v1/planning?{ASKED}&sigma_s=77").status_code == 200
-    known = planning._kept.cache_info().hits
-    assert client.get(f"/api/v1/planning?{ASKED}&sigma_s=77").status_code == 200
-    assert planning._kept.cache_info().hits == known + 1
+    wanted = planning.PlanningQuery(day="2013-05-13", observatory=["WIND", "STA", "STB"], sigma_s=77)
+    assert wanted.prediction() is wanted.prediction(), "computed once"

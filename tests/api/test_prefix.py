@@ -8,6 +8,7 @@ import pytest
 from fastapi.testclient import TestClient
 
 from api.app import create_app
+from api.pages.submit import EXAMPLE
 from bella.exceptions import InputError
 from bella.settings import Settings, read_settings
 from tests.plotting.synthetic import BURST_ID
@@ -115,3 +116,16 @@ def test_a_setting_that_is_no_prefix_is_refused(monkeypatch: pytest.MonkeyPatch,
     monkeypatch.setenv("BELLA_ROOT_PATH", prefix)
     with pytest.raises(InputError, match="BELLA_ROOT_PATH"):
         read_settings()
+
+
+def test_addresses_to_copy_are_whole_and_have_the_prefix_once(behind: TestClient) -> None:
+    text = behind.get(f"{PREFIX}/bursts/{BURST_ID}", headers={"Accept": "text/html"}).text
+    whole = re.findall(r"http://testserver(/[^\"<\s}]*)", text)
+    assert len(whole) >= 3
+    assert all(path.startswith(f"{PREFIX}/") and path.count(PREFIX) == 1 for path in whole), whole
+    kept = behind.get(f"{PREFIX}/api/v1/bursts/{BURST_ID}/figures/constellation.svg").text
+    cited = re.findall(r"http://testserver(/[^;\s<]*)", kept)
+    assert cited
+    assert all(path.startswith(f"{PREFIX}/api/v1/solutions/") for path in cited)
+    form = behind.post(f"{PREFIX}/submit", data={"table": EXAMPLE}).text
+    assert f'data-to="{PREFIX}/api/v1/arrivals" data-then="{PREFIX}/submissions/"' in form

@@ -134,3 +134,19 @@ def test_a_head_without_end_is_refused(up: Up) -> None:
         with suppress(ConnectionError):
             assert greedy.recv(65536).startswith(b"HTTP/1.1 400")
     assert up.answers()
+
+
+def test_replies_do_not_wait_for_acknowledgements_on_a_shared_socket(empty: Settings) -> None:
+    """As with several processes: asyncio itself sets this for sockets alone that it made."""
+    config = uvicorn.Config(create_app(empty), host="127.0.0.1", port=free_port(), **serve.options())
+    shared, server = config.bind_socket(), uvicorn.Server(config)
+    thread = threading.Thread(target=server.run, kwargs={"sockets": [shared]})
+    thread.start()
+    until(lambda: server.started, "server started")
+    with closing(socket.create_connection(("127.0.0.1", config.port), timeout=PATIENCE_S)):
+        until(lambda: server.server_state.connections, "connection made")
+        (connection,) = server.server_state.connections
+        known = connection.transport.get_extra_info("socket")  # type: ignore[union-attr]
+        assert known.getsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY)
+    server.should_exit = True
+    thread.join(30)

@@ -64,6 +64,8 @@ def test_each_link_is_named_when_it_breaks(operation: Operation, settings: Setti
     operation.record_freshness(replace(K0, state="silent", silent_since_utc=NOW - 25 * HOUR, failures=9))
     assert stale(operation, settings) == {"archive"}
     operation.record_freshness(K0)
+    operation.record_freshness(replace(POSITIONS, newest_day=NOW.date()))
+    assert stale(operation, settings) == set(), "positions of today are known"
     operation.record_freshness(replace(POSITIONS, newest_day=NOW.date() - timedelta(days=1)))
     assert stale(operation, settings) == {"ephemeris"}
     operation.record_freshness(POSITIONS)

@@ -15,7 +15,7 @@ from bella.pipeline.draw import draw_day
 from bella.plotting import write_density_png, write_polar_fit_png
 from bella.settings import FIT_FIGURES, Settings
 from tests.api.published import ONSET, publish_event, publish_many, served, settings_of
-from tests.catalogue.test_detections import heard
+from tests.catalogue.test_detections import received
 from tests.plotting.synthetic import (
     BURST_ID,
     FREQUENCIES_MHZ,
@@ -83,9 +83,9 @@ def search_days(settings: Settings, catalogue: Catalogue) -> None:
         "burst_id": "T3-20120607-0700",
     }
     found = [
-        *(heard(0, name, start_utc=ONSET, end_utc=until, burst_id=BURST_ID) for name in names),
-        heard(0, start_utc=ONSET.replace(hour=7), end_utc=until.replace(hour=7), **lone),
-        heard(0, start_utc=ONSET.replace(hour=20), end_utc=until.replace(hour=20), tier="rejected", burst_id=""),
+        *(received(0, name, start_utc=ONSET, end_utc=until, burst_id=BURST_ID) for name in names),
+        received(0, start_utc=ONSET.replace(hour=7), end_utc=until.replace(hour=7), **lone),
+        received(0, start_utc=ONSET.replace(hour=20), end_utc=until.replace(hour=20), tier="rejected", burst_id=""),
     ]
     for offset in (-1, 0, 1):
         day = SearchedDay(ONSET.date() + timedelta(days=offset), "a" * 64, "0.2.0", names)

@@ -1,4 +1,4 @@
-"""Which spacecraft heard the same burst, and what may be placed."""
+"""Which spacecraft received the same burst, and what may be placed."""
 
 from dataclasses import replace
 from datetime import date
@@ -115,11 +115,11 @@ def test_an_arc_that_all_spacecraft_hear_is_not_placed() -> None:
 def test_a_burst_heard_late_and_low_is_looked_for_where_another_spacecraft_heard_it() -> None:
     what = sky([burst_at(5.0, phi0_deg=0.0, directivity=0.35, contrast=300.0)])
     found = searched(what, tuple(FLEET))
-    heard = [set(burst.observatories) for burst in associate(found)]
+    received = [set(burst.observatories) for burst in associate(found)]
 
-    assert len(heard) == 1
+    assert len(received) == 1
     alone = {one.observatory for one in found if any(not candidate.reason for candidate in one.found)}
-    assert alone <= heard[0]
+    assert alone <= received[0]
 
 
 def assert_each_detection_once(found: list[Searched], bursts: list[AssociatedBurst]) -> None:
@@ -170,7 +170,7 @@ def test_the_group_of_2010_01_17_is_not_placed(days_2010: list[Searched]) -> Non
     assert LOCALISABLE not in set(table["tier"])
 
 
-def test_the_burst_at_11_46_is_heard_by_two(days_2010: list[Searched]) -> None:
+def test_the_burst_at_11_46_is_received_by_two(days_2010: list[Searched]) -> None:
     (burst,) = [one for one in associate(days_2010) if one.burst_id == "T3-20100117-1146"]
 
     assert burst.observatories == ("STEREO-A", "WIND")
@@ -195,7 +195,7 @@ def test_of_2020_07_21_the_single_burst_is_placed_and_groups_are_not(days_2020: 
 
 
 @pytest.mark.parametrize("start", ["02:53", "06:23", "07:03", "07:20"])
-def test_bursts_of_2020_07_21_are_heard_by_all_three(days_2020: list[Searched], start: str) -> None:
+def test_bursts_of_2020_07_21_are_received_by_all_three(days_2020: list[Searched], start: str) -> None:
     bursts = {burst.burst_id: burst for burst in associate(days_2020)}
 
     assert set(bursts[f"T3-20200721-{start.replace(':', '')}"].observatories) == {"WIND", "STEREO-A", "PSP"}

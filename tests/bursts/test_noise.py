@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from bella.bursts.event import timed_event
 from bella.bursts.noise import (
     OUTLIER_SD,
     Timed,
@@ -78,6 +79,14 @@ def test_a_table_is_surer_than_its_channels_but_not_of_what_they_share() -> None
     # what the process leaves uncertain is smooth as well, and adds to what spacecraft do not share
     assert (along["shape_sd_s"] >= channels["shape_sd_s"] * (1 - 1e-6)).all()
     assert (along["shape_sd_s"] ** 2 - channels["shape_sd_s"] ** 2 < channels["sigma_s"] ** 2).all()
+
+
+def test_the_errors_of_the_real_event_grow_towards_low_frequencies_but_less_than_its_rise() -> None:
+    timed = timed_event().noise
+    columns = noise_columns(timed.take(np.flatnonzero(timed.observatory == "WIND")))
+    order = np.argsort(columns["rise_s"])[[0, -1]]
+    rises, errors_s = columns["rise_s"][order], columns["shape_sd_s"][order]
+    assert 1.5 < errors_s[1] / errors_s[0] < 0.7 * rises[1] / rises[0]
 
 
 @pytest.mark.parametrize(("away_sd", "kept"), [(OUTLIER_SD - 2.0, True), (OUTLIER_SD + 3.0, False)])

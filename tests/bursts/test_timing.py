@@ -38,7 +38,7 @@ BURST = SimulatedBurst(
 )
 LATER = replace(BURST, release_utc=RELEASE + np.timedelta64(70, "m"), contrast=300.0)
 CADENCES_S = {"WIND": 60.0, "STEREO-A": 38.0, "STEREO-B": 38.0}
-Heard = dict[str, tuple[xr.Dataset, Searched, Candidate]]
+Received = dict[str, tuple[xr.Dataset, Searched, Candidate]]
 
 
 def spectrum(name: str, *bursts: SimulatedBurst) -> xr.Dataset:
@@ -48,7 +48,7 @@ def spectrum(name: str, *bursts: SimulatedBurst) -> xr.Dataset:
 
 
 @pytest.fixture(scope="module")
-def heard() -> Heard:
+def received() -> Received:
     """The burst at three spacecraft, with a brighter one seventy minutes later."""
     found = {}
     for name in CADENCES_S:
@@ -58,13 +58,13 @@ def heard() -> Heard:
     return found
 
 
-def parts(heard: Heard) -> list[xr.Dataset]:
-    return [burst_spectrum(*one[1:]) for one in heard.values()]
+def parts(received: Received) -> list[xr.Dataset]:
+    return [burst_spectrum(*one[1:]) for one in received.values()]
 
 
 @pytest.fixture(scope="module")
-def timed(heard: Heard) -> TimedBurst:
-    return time_burst(parts(heard))
+def timed(received: Received) -> TimedBurst:
+    return time_burst(parts(received))
 
 
 def off_s(timed: TimedBurst, table: pd.DataFrame) -> pd.Series:
@@ -76,8 +76,8 @@ def off_s(timed: TimedBurst, table: pd.DataFrame) -> pd.Series:
 
 
 @pytest.mark.parametrize("edge", EDGES[:3])
-def test_differences_between_spacecraft_are_true_within_their_errors(heard: Heard, edge: str) -> None:
-    timed = time_burst(parts(heard), edge)
+def test_differences_between_spacecraft_are_true_within_their_errors(received: Received, edge: str) -> None:
+    timed = time_burst(parts(received), edge)
     table = arrival_table(timed, np.geomspace(0.25, 2.0, 9))
     off = off_s(timed, table)
     sigma = np.sqrt(table["sigma_s"] ** 2 + table["shape_sd_s"] ** 2 + table["offset_sd_s"] ** 2)
@@ -92,9 +92,9 @@ def test_the_shared_profile_is_near_the_truth(timed: TimedBurst) -> None:
     assert np.sqrt(np.mean(off_s(timed, table) ** 2)) < 1.5
 
 
-def test_two_spacecraft_and_one_are_timed_by_their_flanks(heard: Heard) -> None:
+def test_two_spacecraft_and_one_are_timed_by_their_flanks(received: Received) -> None:
     for number in (1, 2):
-        timed = time_burst(parts(heard)[:number], SHARED)
+        timed = time_burst(parts(received)[:number], SHARED)
         table = arrival_table(timed, shared_frequencies_mhz(timed, 6))
         assert (timed.edge, table["observatory"].nunique()) == (HALF_RISE, number)
         assert (table["edge"] == HALF_RISE).all()
@@ -137,8 +137,8 @@ def test_the_covariance_has_the_variances_of_the_table_less_what_all_spacecraft_
     assert variance[first] + variance[other] == pytest.approx(difference, rel=0.15)
 
 
-def test_interpolated_channels_are_never_timed(heard: Heard) -> None:
-    one, _, _ = heard["WIND"]
+def test_interpolated_channels_are_never_timed(received: Received) -> None:
+    one, _, _ = received["WIND"]
     flags = np.arange(CHANNELS_MHZ.size) % 3 > 0
     flagged = one.assign(interpolated=("frequency", flags))
     searched = search(flagged)
@@ -171,7 +171,7 @@ def test_silence_is_no_burst() -> None:
         candidate_near(quiet, np.datetime64("2012-06-09T00:00:00", "ns"))
 
 
-def test_no_edge_at_all_is_said(heard: Heard) -> None:
-    silent = [part.assign(intensity=0.0 * part["intensity"]) for part in parts(heard)]
+def test_no_edge_at_all_is_said(received: Received) -> None:
+    silent = [part.assign(intensity=0.0 * part["intensity"]) for part in parts(received)]
     with pytest.raises(NoDataError, match="no channel of any spacecraft has an edge"):
         time_burst(silent)

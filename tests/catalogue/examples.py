@@ -14,8 +14,8 @@ SPECTRUM = SourceFile("WI_H1_WAV", START.date(), "v01", "ab" * 32, "used", "file
 
 
 def burst(burst_id: str = "T3-20120607-1929", start: datetime = START, **changes: Any) -> Burst:
-    heard = ("WIND", "STEREO-A", "STEREO-B")
-    return replace(Burst(burst_id, start, start + timedelta(minutes=40), 0.15, 13.8, heard), **changes)
+    received = ("WIND", "STEREO-A", "STEREO-B")
+    return replace(Burst(burst_id, start, start + timedelta(minutes=40), 0.15, 13.8, received), **changes)
 
 
 def localisation(frequency_mhz: float, **changes: Any) -> Localisation:

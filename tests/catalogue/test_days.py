@@ -1,4 +1,4 @@
-"""Searched days, the newest first, and how much was heard on each: on SQLite and PostgreSQL alike."""
+"""Searched days, the newest first, and how much was received on each: on SQLite and PostgreSQL alike."""
 
 from dataclasses import replace
 from datetime import date, timedelta
@@ -8,7 +8,7 @@ import pytest
 
 from bella.catalogue import Catalogue, DaySummary, Detection
 from bella.exceptions import InputError
-from tests.catalogue.test_detections import DAY, START, heard
+from tests.catalogue.test_detections import DAY, START, received
 
 REFUSED = {"tier": "rejected", "reason": "no_drift", "burst_id": ""}
 ALONE = {"tier": "catalogued", "reason": "not localisable: received by 1 of 3 spacecraft"}
@@ -23,11 +23,11 @@ def record(catalogue: Catalogue, offset: int, found: list[Detection]) -> date:
 
 
 def test_a_day_counts_detections_bursts_and_what_was_placed(catalogue: Catalogue) -> None:
-    shared = [heard(3), heard(3, "STEREO-A"), heard(3, "SOLO")]
-    pair = [heard(7, **ALONE), heard(7, "STEREO-A", **ALONE)]
-    twice = [heard(9, **ALONE), heard(9, **ALONE)]
-    elsewhere = heard(10, "JUICE", tier="catalogued", reason="", burst_id="")
-    record(catalogue, 0, [*shared, *pair, *twice, elsewhere, heard(11, **REFUSED), heard(12, "SOLO", **REFUSED)])
+    shared = [received(3), received(3, "STEREO-A"), received(3, "SOLO")]
+    pair = [received(7, **ALONE), received(7, "STEREO-A", **ALONE)]
+    twice = [received(9, **ALONE), received(9, **ALONE)]
+    elsewhere = received(10, "JUICE", tier="catalogued", reason="", burst_id="")
+    record(catalogue, 0, [*shared, *pair, *twice, elsewhere, received(11, **REFUSED), received(12, "SOLO", **REFUSED)])
 
     (one,) = catalogue.days().days
 
@@ -35,9 +35,9 @@ def test_a_day_counts_detections_bursts_and_what_was_placed(catalogue: Catalogue
 
 
 def test_days_come_newest_first_and_a_quiet_one_is_there(catalogue: Catalogue) -> None:
-    record(catalogue, -40, [heard(3), heard(5)])
+    record(catalogue, -40, [received(3), received(5)])
     record(catalogue, 0, [])
-    record(catalogue, 1, [heard(4, **REFUSED)])
+    record(catalogue, 1, [received(4, **REFUSED)])
 
     page = catalogue.days()
 
@@ -48,7 +48,7 @@ def test_days_come_newest_first_and_a_quiet_one_is_there(catalogue: Catalogue) -
 
 def test_pages_follow_one_another_without_gap_or_double(catalogue: Catalogue) -> None:
     offsets = sorted(Random(1).sample(range(400), 25), reverse=True)
-    known = [record(catalogue, offset, [heard(hour) for hour in range(offset % 4)]) for offset in offsets]
+    known = [record(catalogue, offset, [received(hour) for hour in range(offset % 4)]) for offset in offsets]
 
     seen: list[DaySummary] = []
     last = None
@@ -65,7 +65,7 @@ def test_pages_follow_one_another_without_gap_or_double(catalogue: Catalogue) ->
 
 def test_both_ends_of_a_range_belong_to_it(catalogue: Catalogue) -> None:
     for offset in range(-3, 3):
-        record(catalogue, offset, [heard(3)])
+        record(catalogue, offset, [received(3)])
 
     page = catalogue.days(DAY.day - timedelta(days=1), DAY.day, 10)
 
@@ -82,11 +82,11 @@ def test_a_limit_out_of_range_is_refused(catalogue: Catalogue, limit: int) -> No
 
 
 def test_what_is_heard_past_midnight_stays_with_its_burst(catalogue: Catalogue) -> None:
-    late = [heard(0, start_utc=START + timedelta(hours=23, minutes=58), burst_id="T3-20200721-2358")]
+    late = [received(0, start_utc=START + timedelta(hours=23, minutes=58), burst_id="T3-20200721-2358")]
     late.append(replace(late[0], observatory="SOLO", start_utc=START + timedelta(days=1, minutes=3)))
-    early = heard(0, observatory="PSP", start_utc=START - timedelta(minutes=4))
+    early = received(0, observatory="PSP", start_utc=START - timedelta(minutes=4))
     record(catalogue, 0, [*late, early])
-    catalogue.record_day(replace(DAY, day=date(2020, 7, 22)), [heard(30)])
+    catalogue.record_day(replace(DAY, day=date(2020, 7, 22)), [received(30)])
 
     assert [one.observatory for one in catalogue.detections_of(DAY.day)] == ["PSP", "WIND", "SOLO"]
     assert [(one.bursts, one.shared) for one in catalogue.days().days] == [(1, 0), (2, 1)]

@@ -1,4 +1,4 @@
-"""Searched days and what was heard on them: replaced whole, told apart from days that were not searched."""
+"""Searched days and what was received on them: replaced whole, told apart from days that were not searched."""
 
 from dataclasses import replace
 from datetime import UTC, date, datetime, timedelta
@@ -20,7 +20,7 @@ def found(catalogue: Catalogue, *asked: Any, **more: Any) -> tuple[Detection, ..
     return catalogue.detections(DetectionQuery(*asked, **more)).detections
 
 
-def heard(hour: int, observatory: str = "WIND", **changed: object) -> Detection:
+def received(hour: int, observatory: str = "WIND", **changed: object) -> Detection:
     """A detection of an hour."""
     onset = START + timedelta(hours=hour)
     one = Detection(
@@ -43,7 +43,7 @@ def heard(hour: int, observatory: str = "WIND", **changed: object) -> Detection:
 
 
 def test_a_day_comes_back_as_it_was_recorded(catalogue: Catalogue) -> None:
-    given = [heard(7, tier="catalogued", reason="not localisable: group", isolated=False), heard(3)]
+    given = [received(7, tier="catalogued", reason="not localisable: group", isolated=False), received(3)]
     catalogue.record_day(DAY, given)
 
     assert catalogue.searched_day(DAY.day) == DAY
@@ -53,8 +53,8 @@ def test_a_day_comes_back_as_it_was_recorded(catalogue: Catalogue) -> None:
 
 def test_a_day_is_replaced_whole_and_others_stay(catalogue: Catalogue) -> None:
     other = replace(DAY, day=date(2020, 7, 20))
-    catalogue.record_day(other, [replace(heard(3), start_utc=START - timedelta(hours=2))])
-    catalogue.record_day(DAY, [heard(3), heard(7)])
+    catalogue.record_day(other, [replace(received(3), start_utc=START - timedelta(hours=2))])
+    catalogue.record_day(DAY, [received(3), received(7)])
 
     again = replace(DAY, inputs_hash="b" * 64, observatories=())
     catalogue.record_day(again, [])
@@ -65,17 +65,17 @@ def test_a_day_is_replaced_whole_and_others_stay(catalogue: Catalogue) -> None:
 
 
 def test_a_commit_that_fails_leaves_the_day_as_it_was(catalogue: Catalogue) -> None:
-    catalogue.record_day(DAY, [heard(3)])
+    catalogue.record_day(DAY, [received(3)])
 
     with pytest.raises(Exception, match=r"(?i)null"):
-        catalogue.record_day(replace(DAY, inputs_hash="b" * 64), [heard(7), heard(8, tier=None)])
+        catalogue.record_day(replace(DAY, inputs_hash="b" * 64), [received(7), received(8, tier=None)])
 
     assert catalogue.searched_day(DAY.day) == DAY
-    assert found(catalogue, START, STOP) == (heard(3),)
+    assert found(catalogue, START, STOP) == (received(3),)
 
 
 def test_the_range_is_half_open_and_may_be_of_one_spacecraft(catalogue: Catalogue) -> None:
-    catalogue.record_day(DAY, [heard(0), heard(3, "STEREO-A"), heard(5)])
+    catalogue.record_day(DAY, [received(0), received(3, "STEREO-A"), received(5)])
 
     assert [one.start_utc.hour for one in found(catalogue, START, START + timedelta(hours=5))] == [0, 3]
     assert [one.observatory for one in found(catalogue, START, STOP, "STEREO-A")] == ["STEREO-A"]
@@ -97,7 +97,9 @@ def test_an_outage_takes_no_answer_away(catalogue: Catalogue, answer: DayAnswer)
 
 
 def test_pages_of_detections_make_the_whole_in_both_orders(catalogue: Catalogue) -> None:
-    catalogue.record_day(DAY, [heard(3), heard(3, "STEREO-A"), heard(3), heard(7, tier="rejected"), heard(1)])
+    catalogue.record_day(
+        DAY, [received(3), received(3, "STEREO-A"), received(3), received(7, tier="rejected"), received(1)]
+    )
     whole = found(catalogue)
     for sort, expected in (("start", whole), ("-start", whole[::-1])):
         seen: list[Detection] = []
@@ -111,7 +113,7 @@ def test_pages_of_detections_make_the_whole_in_both_orders(catalogue: Catalogue)
                 break
         assert tuple(seen) == expected
     assert len(found(catalogue, tier="rejected")) == 1
-    assert len(found(catalogue, burst_id=heard(3).burst_id)) == 3
+    assert len(found(catalogue, burst_id=received(3).burst_id)) == 3
     cursor = catalogue.detections(DetectionQuery(limit=1)).next_cursor
     with pytest.raises(InputError, match="cursor: was given with other filters"):
         catalogue.detections(DetectionQuery(limit=1, cursor=cursor, tier="rejected"))

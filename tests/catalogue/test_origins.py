@@ -7,7 +7,7 @@ import pytest
 from bella.catalogue import BurstQuery, Catalogue, DaySummary, DetectionQuery
 from bella.records import REAL_ORIGINS, Origin, burst_name, origins_beside
 from tests.catalogue.examples import burst, publication
-from tests.catalogue.test_detections import DAY, START, STOP, heard
+from tests.catalogue.test_detections import DAY, START, STOP, received
 
 SIMULATED, TEST = frozenset({Origin.SIMULATED}), frozenset({Origin.TEST})
 
@@ -26,8 +26,8 @@ def test_bursts_of_tests_are_listed_only_when_asked_for(catalogue: Catalogue) ->
 
 def test_a_day_is_kept_once_for_each_origin(catalogue: Catalogue) -> None:
     simulated = replace(DAY, origin=Origin.SIMULATED, observatories=("SOLO",))
-    catalogue.record_day(DAY, [heard(3), heard(7)])
-    catalogue.record_day(simulated, [heard(5)])
+    catalogue.record_day(DAY, [received(3), received(7)])
+    catalogue.record_day(simulated, [received(5)])
     assert catalogue.searched_day(DAY.day) == DAY
     assert catalogue.searched_day(DAY.day, (Origin.SIMULATED,)) == simulated
     assert catalogue.searched_day(DAY.day, (Origin.TEST,)) is None
@@ -43,8 +43,8 @@ def test_a_day_is_kept_once_for_each_origin(catalogue: Catalogue) -> None:
 
 def test_days_count_what_is_of_their_origin(catalogue: Catalogue) -> None:
     simulated = replace(DAY, origin=Origin.SIMULATED)
-    catalogue.record_day(DAY, [heard(3)])
-    catalogue.record_day(simulated, [heard(3), heard(5), heard(7)])
+    catalogue.record_day(DAY, [received(3)])
+    catalogue.record_day(simulated, [received(3), received(5), received(7)])
     real, drawn = DaySummary(DAY, 1, 0, 1, 0, 1), DaySummary(simulated, 3, 0, 3, 0, 3)
     assert catalogue.days().days == (real,)
     assert catalogue.days(origins=SIMULATED).days == (drawn,)

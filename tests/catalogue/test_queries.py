@@ -25,10 +25,10 @@ def ids(catalogue: Catalogue, query: BurstQuery) -> list[str]:
 @pytest.fixture
 def three(catalogue: Catalogue) -> Catalogue:
     """Bursts A, B, C, an hour apart; only B was received by all, and the flags of A and C differ."""
-    heard = {"A": ("WIND", "STEREO-A"), "B": ("WIND", "STEREO-A", "STEREO-B"), "C": ("STEREO-B", "WIND")}
+    received = {"A": ("WIND", "STEREO-A"), "B": ("WIND", "STEREO-A", "STEREO-B"), "C": ("STEREO-B", "WIND")}
     flags = {"A": ("two_modes",), "B": (), "C": ("two_modes", "outside_prior")}
-    for hours, name in enumerate(heard):
-        own = burst(name, START + timedelta(hours=hours), observatories=heard[name])
+    for hours, name in enumerate(received):
+        own = burst(name, START + timedelta(hours=hours), observatories=received[name])
         catalogue.publish(publication(of=own, flags=flags[name]))
     return catalogue
 

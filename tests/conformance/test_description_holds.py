@@ -24,7 +24,7 @@ from bella.catalogue import Catalogue
 from bella.records import Origin
 from tests.api.published import publish_event, publish_many, published, settings_of, synthetic_burst
 from tests.api.test_description import OPERATIONS
-from tests.catalogue.test_detections import DAY, heard
+from tests.catalogue.test_detections import DAY, received
 from tests.plotting.synthetic import BURST_ID
 
 CASES = int(os.environ.get("BELLA_API_CASES", "8"))
@@ -56,7 +56,7 @@ def app(tmp_path_factory: pytest.TempPathFactory) -> FastAPI:
         publish_many(known, catalogue, 3)
         published(known, catalogue, burst=replace(synthetic_burst(burst_id="SIM-1"), origin=Origin.SIMULATED))
         catalogue.retract("T3-20120608-1929", "timed on interference")
-        catalogue.record_day(DAY, [heard(3), replace(heard(7), tier="rejected", burst_id="")])
+        catalogue.record_day(DAY, [received(3), replace(received(7), tier="rejected", burst_id="")])
     return create_app(known)
 
 

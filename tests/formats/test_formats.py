@@ -86,9 +86,9 @@ def rows_of(table: RecordTable) -> list[dict[str, Any]]:
 
 @pytest.fixture
 def detections() -> RecordTable:
-    heard = {"f_low_mhz": 0.25, "f_high_mhz": 8.0, "channels": 40, "isolated": True, "score": 9.5}
+    received = {"f_low_mhz": 0.25, "f_high_mhz": 8.0, "channels": 40, "isolated": True, "score": 9.5}
     times = {"start_utc": "2012-06-07T19:29:15.5Z", "peak_utc": "2012-06-07T19:32Z", "end_utc": "2012-06-07T20:00:00Z"}
-    return record_table(DETECTIONS, [{"observatory": name, **times, **heard} for name in ("WIND", "STEREO-A")])
+    return record_table(DETECTIONS, [{"observatory": name, **times, **received} for name in ("WIND", "STEREO-A")])
 
 
 def test_times_are_utc_whatever_zone_they_came_in() -> None:

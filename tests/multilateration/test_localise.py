@@ -146,8 +146,8 @@ def test_presets_set_the_timing_errors(burst) -> None:
 def test_a_receiver_that_is_missing_at_a_frequency_stays_missing() -> None:
     grid = grid_of([on_spiral(75), on_spiral(40)], FIVE, 10.0)
     table = table_of(grid)
-    heard = table[~((table["observatory"] == "R3") & (table["frequency_mhz"] < 0.5))]
-    solved = localise(heard, preset="bella-2024", draws=10)
+    received = table[~((table["observatory"] == "R3") & (table["frequency_mhz"] < 0.5))]
+    solved = localise(received, preset="bella-2024", draws=10)
 
     assert np.isnan(solved["arrival_s"].sel(observatory="R3").values).tolist() == [True, False]
     assert np.isnan(solved["sigma_s"].sel(observatory="R3").values).tolist() == [True, False]

@@ -20,7 +20,7 @@ SOURCES = np.array([[30.0, -12.0, 0], [-80.0, 45.0, 0], [3.0, 1.0, 0], [10.0, 15
 IN_SPACE = SOURCES + np.array([[0, 0, 20.0], [0, 0, -35.0], [0, 0, 2.0], [0, 0, 60.0], [0, 0, -15.0]])
 
 
-def heard(sources, receivers, *, emission_s=0.0):
+def received(sources, receivers, *, emission_s=0.0):
     """Receivers and noise-free arrival times of a batch of sources (B, 3)."""
     sources = np.atleast_2d(sources)
     receivers = np.broadcast_to(receivers, (len(sources), *np.shape(receivers)[-2:])).copy()
@@ -28,7 +28,7 @@ def heard(sources, receivers, *, emission_s=0.0):
 
 
 def solved(sources, receivers, *, sigma_s=5.0, dimensions=2, **kwargs):
-    receivers, arrival_s = heard(sources, receivers, **kwargs)
+    receivers, arrival_s = received(sources, receivers, **kwargs)
     return solve(receivers, arrival_s, np.full(arrival_s.shape, sigma_s), dimensions)
 
 
@@ -83,7 +83,7 @@ def test_separately_digitised_curves_give_the_published_position(badman) -> None
 
 def test_the_published_track_comes_back_and_its_aliases_have_negative_range(badman) -> None:
     track = published_track(badman[0])
-    roots = closed_form(*heard(track, badman[0]))
+    roots = closed_form(*received(track, badman[0]))
 
     np.testing.assert_allclose(roots.points[:, 0], track[:, :2], atol=0.03)
     np.testing.assert_array_equal(roots.chosen, 0)
@@ -118,7 +118,7 @@ def test_exact_arrival_times_give_the_source(receivers, sources, dimensions, emi
 
 
 def test_four_receivers_in_space_leave_two_roots_one_of_them_the_source() -> None:
-    receivers, arrival_s = heard(IN_SPACE, RAISED[:4])
+    receivers, arrival_s = received(IN_SPACE, RAISED[:4])
     roots = closed_form(receivers, arrival_s)
 
     nearest = np.linalg.norm(roots.points - IN_SPACE[:, None], axis=2).min(axis=1)
@@ -127,7 +127,7 @@ def test_four_receivers_in_space_leave_two_roots_one_of_them_the_source() -> Non
 
 
 def test_two_valid_roots_are_flagged_and_both_explain_the_delays() -> None:
-    receivers, arrival_s = heard([186.0, -45.0, 0.0], spread(40))
+    receivers, arrival_s = received([186.0, -45.0, 0.0], spread(40))
     roots = closed_form(receivers, arrival_s)
     distance = np.linalg.norm(roots.points[0][:, None] - spread(40)[:, :2], axis=2) / C_RSUN_S
 
@@ -149,7 +149,7 @@ def test_more_receivers_decide_between_the_roots_but_a_mirror_image_is_flagged()
 
 
 def test_a_missing_receiver_is_as_if_it_had_never_been_listed() -> None:
-    receivers, arrival_s = heard(SOURCES, FIVE)
+    receivers, arrival_s = received(SOURCES, FIVE)
     arrival_s += np.linspace(-6, 6, arrival_s.size).reshape(arrival_s.shape)
     sigma_s = np.full(arrival_s.shape, 7.0)
     kept = [0, 1, 3, 4]
@@ -162,7 +162,7 @@ def test_a_missing_receiver_is_as_if_it_had_never_been_listed() -> None:
 
 
 def test_least_squares_walks_to_the_source_from_afar() -> None:
-    receivers, arrival_s = heard(SOURCES, FIVE)
+    receivers, arrival_s = received(SOURCES, FIVE)
     timing = timing_of(receivers, arrival_s, np.ones_like(arrival_s), 2)
     found = descend(timing, np.full((5, 2), 60.0))
 
@@ -175,7 +175,7 @@ def test_least_squares_walks_to_the_source_from_afar() -> None:
 @pytest.mark.parametrize("receivers", [EVENT, FIVE])
 def test_covariance_is_the_scatter_of_the_estimate(receivers) -> None:
     rng = np.random.default_rng(20120607)
-    receivers, arrival_s = heard(np.tile([40.0, -60.0, 0.0], (4000, 1)), receivers)
+    receivers, arrival_s = received(np.tile([40.0, -60.0, 0.0], (4000, 1)), receivers)
     sigma_s = np.full(arrival_s.shape, 5.0)
     trials = solve(receivers, arrival_s + 5.0 * rng.normal(size=arrival_s.shape), sigma_s, 2)
     exact = solve(receivers[:1], arrival_s[:1], sigma_s[:1], 2)
@@ -194,7 +194,7 @@ def _correlation(solution):
 
 @pytest.mark.parametrize(("source", "dimensions"), [(SOURCES[0], 2), (IN_SPACE[1], 3)])
 def test_covariance_is_the_inverse_of_a_numerical_hessian(source, dimensions) -> None:
-    receivers, arrival_s = heard(source, RAISED)
+    receivers, arrival_s = received(source, RAISED)
     sigma_s = np.array([[5.0, 7.0, 9.0, 12.0, 30.0]])
     timing = timing_of(receivers, arrival_s, sigma_s, dimensions)
     pitch, axes = 0.05, np.eye(dimensions)
@@ -212,7 +212,7 @@ def test_covariance_is_the_inverse_of_a_numerical_hessian(source, dimensions) ->
 
 def test_emission_error_is_that_of_the_full_normal_matrix() -> None:
     sigma_s = np.array([[5.0, 7.0, 9.0, 12.0, 30.0]])
-    receivers, arrival_s = heard(SOURCES[0], RAISED)
+    receivers, arrival_s = received(SOURCES[0], RAISED)
     solution = solve(receivers, arrival_s, sigma_s, 2)
     offset = SOURCES[0] - RAISED
     unit = offset[:, :2] / np.linalg.norm(offset, axis=1)[:, None]
@@ -243,7 +243,7 @@ noise = st.lists(st.floats(-3, 3), min_size=5, max_size=5)
 
 
 def noisy(x, y, errors, receivers=FIVE):
-    receivers, arrival_s = heard([x, y, 0.0], receivers)
+    receivers, arrival_s = received([x, y, 0.0], receivers)
     return receivers, arrival_s + 5.0 * np.array(errors), np.full(arrival_s.shape, 5.0)
 
 
@@ -317,7 +317,7 @@ def test_delays_beyond_light_time_give_a_finite_flagged_answer(delays) -> None:
 
 
 def test_an_arrival_an_hour_late_is_inconsistent_with_four_others() -> None:
-    receivers, arrival_s = heard(SOURCES, FIVE)
+    receivers, arrival_s = received(SOURCES, FIVE)
     arrival_s[2, 4] += 3600.0
     solution = solve(receivers, arrival_s, np.full(arrival_s.shape, 10.0), 2)
 
@@ -336,7 +336,7 @@ def test_extreme_errors_stay_finite(receivers, dimensions, sigma_s) -> None:
 
 
 def test_one_precise_receiver_among_vague_ones_stays_finite() -> None:
-    receivers, arrival_s = heard(SOURCES, EVENT)
+    receivers, arrival_s = received(SOURCES, EVENT)
     assert_finite(solve(receivers, arrival_s, np.tile([1e-9, 1e9, 1e9], (5, 1)), 2))
     unlike = solve(receivers, arrival_s, np.tile([1e-9, 1e-9, 1e9], (5, 1)), 2)
     assert_finite(unlike)
@@ -357,7 +357,7 @@ def test_receivers_on_a_line_or_in_a_plane_are_refused(receivers, dimensions) ->
 
 
 def test_the_row_that_cannot_be_used_is_named() -> None:
-    receivers, arrival_s = heard(SOURCES, EVENT)
+    receivers, arrival_s = received(SOURCES, EVENT)
     sigma_s = np.full(arrival_s.shape, 5.0)
     wrong = [
         ("fewer than 3 receivers", "arrival_s", np.nan),

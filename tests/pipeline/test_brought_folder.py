@@ -16,7 +16,7 @@ from bella.bursts.detection import search
 from bella.catalogue import BurstQuery, Catalogue, DetectionQuery
 from bella.cli import app
 from bella.exceptions import InputError
-from bella.pipeline.day import placed
+from bella.pipeline.day import with_stated_positions
 from bella.pipeline.outcome import UnfinishedError
 from bella.records import DayAnswer, Origin
 from bella.settings import Settings
@@ -107,10 +107,12 @@ def test_a_position_in_a_file_moves_the_receiver(name: str, moves: bool) -> None
     empty = dict.fromkeys(POSITION, np.nan)
     table = pd.DataFrame({"observatory": name, "arrival_utc": times, **empty})
 
-    rows = placed(table.copy(), [search(stated.assign_attrs(observatory=name))])
+    rows = with_stated_positions(table.copy(), [search(stated.assign_attrs(observatory=name))])
 
     expected = position_hee("STEREO-A", times if moves else times[:1], times[0]) * R_SUN_KM + shift_km
     found_km = rows[list(POSITION)].to_numpy() * R_SUN_KM
     np.testing.assert_allclose(found_km, np.broadcast_to(expected, (2, 3)), atol=20.0)
     far = stated.assign(position_km=stated["position_km"] + 1e6)
-    assert placed(table.copy(), [search(far.assign_attrs(observatory="STEREO-A"))])["x_rsun"].isna().all()
+    assert (
+        with_stated_positions(table.copy(), [search(far.assign_attrs(observatory="STEREO-A"))])["x_rsun"].isna().all()
+    )

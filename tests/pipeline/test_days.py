@@ -14,13 +14,13 @@ from bella.pipeline.day import known_burst_ids, known_bursts
 from bella.pipeline.draw import detection_frame, draw_day, redraw_day
 from bella.settings import Settings
 from tests.catalogue.examples import publication
-from tests.catalogue.test_detections import heard as detection
+from tests.catalogue.test_detections import received as detection
 from tests.pipeline.examples import files_of
-from tests.plotting.test_day import day as spectrum
 from tests.plotting.test_fleet import DAY, green
+from tests.plotting.test_fleet import day as spectrum
 
 
-def heard(name: str, start: pd.Timestamp) -> Any:
+def received(name: str, start: pd.Timestamp) -> Any:
     return SimpleNamespace(burst_id=name, start_utc=start)
 
 
@@ -29,8 +29,8 @@ def test_a_burst_keeps_its_name_and_lends_it_to_no_other(tmp_path: Path) -> None
     onset = pd.Timestamp(known.burst.start_utc).tz_localize(None)
     with closing(Catalogue.open(f"sqlite:///{tmp_path / 'catalogue.sqlite'}", create=True)) as catalogue:
         catalogue.publish(known)
-        near, nearer = heard("near", onset + timedelta(minutes=6)), heard("nearer", onset - timedelta(minutes=2))
-        far = heard("far", onset + timedelta(hours=2))
+        near, nearer = received("near", onset + timedelta(minutes=6)), received("nearer", onset - timedelta(minutes=2))
+        far = received("far", onset + timedelta(hours=2))
 
         names = known_burst_ids(known_bursts(catalogue, onset.date(), onset.date()), [near, nearer, far])
 
@@ -45,7 +45,7 @@ def test_over_midnight_only_the_same_minute_is_the_same_burst() -> None:
     ]
 
     def named(minutes: float) -> str:
-        burst = heard("own", pd.Timestamp(midnight).tz_localize(None) + timedelta(minutes=minutes))
+        burst = received("own", pd.Timestamp(midnight).tz_localize(None) + timedelta(minutes=minutes))
         return known_burst_ids(before, [burst])["own"]
 
     assert named(0.3) == "T3-20210201-2358"

@@ -212,13 +212,13 @@ def test_only_errors_that_may_pass_are_tried_again(error: Exception, *, again: b
 
 
 def test_progress_counts_for_who_listens() -> None:
-    heard: list[tuple[str, int, int]] = []
+    received: list[tuple[str, int, int]] = []
     progress.counter("unheard", 2)(1)
-    progress.listen(lambda *news: heard.append(news))
+    progress.listen(lambda *news: received.append(news))
     advance = progress.counter("localise", 5)
     advance(2)
     advance(3)
-    assert heard == [("localise", 0, 5), ("localise", 2, 5), ("localise", 5, 5)]
+    assert received == [("localise", 0, 5), ("localise", 2, 5), ("localise", 5, 5)]
 
 
 def test_environment_keeps_what_an_operator_has_set(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

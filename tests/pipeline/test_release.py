@@ -61,8 +61,8 @@ def filled(settings: Settings) -> Settings:
         simulated = replace(july, burst_id=SIMULATED, origin=Origin.SIMULATED)
         published(settings, catalogue, burst=simulated, frequencies=few)
         catalogue.retract(wrong.burst_id, "interference")
-        heard = [DETECTION, replace(DETECTION, observatory="STEREO-A")]
-        catalogue.record_day(SearchedDay(ONSET.date(), "h", "0.1", ("WIND", "STEREO-A"), DayAnswer.LOCALISED), heard)
+        received = [DETECTION, replace(DETECTION, observatory="STEREO-A")]
+        catalogue.record_day(SearchedDay(ONSET.date(), "h", "0.1", ("WIND", "STEREO-A"), DayAnswer.LOCALISED), received)
         silent = SearchedDay(date(2012, 7, 1), "h", "0.1", ("WIND",), DayAnswer.NOT_SEARCHABLE, "one hour is missing")
         catalogue.record_day(silent, [])
         link_flare(catalogue, BURST_ID, ONSET)

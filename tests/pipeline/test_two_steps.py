@@ -1,5 +1,6 @@
 """A burst in two steps: its answer first, what other methods say of it under the same id, whatever comes between."""
 
+import time
 from contextlib import closing
 from dataclasses import replace
 from pathlib import Path
@@ -12,9 +13,12 @@ from bella.answer import answer_of, read_track
 from bella.catalogue import Catalogue, Solution
 from bella.exceptions import BusyError
 from bella.pipeline.burst import Begun, BurstOutcome, Choice, begin_burst, finish_burst, process_burst
+from bella.pipeline.housekeeping import sweep_store
 from bella.pipeline.inputs import BurstInput
 from bella.settings import Settings
+from bella.store.layout import age_s
 from tests.pipeline.examples import built_in_event
+from tests.waiting import until
 
 FIRST, SECOND = "half_rise", "half_maximum"
 
@@ -112,3 +116,15 @@ def test_a_burst_that_no_edge_places_says_why_and_publishes_nothing(given: Burst
     assert isinstance(done, BurstOutcome)
     assert "guess" in done.reason
     assert done.outcomes == ()
+
+
+def test_a_sweep_between_the_steps_spares_what_a_live_run_works_on(tmp_path: Path) -> None:
+    settings = settings_of(tmp_path).model_copy(update={"lease_s": 0.05})
+    group = settings.store_root / "T3-1" / "half_rise.zarr"
+    group.mkdir(parents=True)
+    with closing(Catalogue.open(settings.catalogue_url, create=True)) as catalogue:
+        with catalogue.lease("localise", "T3-1", "slow", 60.0):
+            until(lambda: age_s(group, time.time()) > settings.lease_s)
+            assert sweep_store(catalogue, settings, "housekeeping") == []
+        assert group.is_dir()
+        assert sweep_store(catalogue, settings, "housekeeping") == ["T3-1/half_rise.zarr"]

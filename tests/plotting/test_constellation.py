@@ -5,6 +5,7 @@ import pytest
 
 from bella.heliosphere import spiral_longitude_deg
 from bella.plotting import MapView, TrackView, constellation_figure, selected_regions, thumbnail
+from bella.plotting.ecliptic import SCALE_ROOM, SIZE
 from bella.records import Interval
 from bella.spacecraft import hee_to, position
 from bella.units import AU_RSUN
@@ -162,6 +163,7 @@ def test_no_longitude_is_written_where_the_colours_of_the_frequencies_are(tracks
     root = parsed(constellation_figure(tracks, UTC, MapView()))
     corner = next(iter(of_class(root, "sky under")))
     right, top = float(corner.get("x")) + float(corner.get("width")), float(corner.get("y"))
+    assert top >= SIZE[1] - SCALE_ROOM[1]
     places = [(float(one.get("x")), float(one.get("y"))) for one in of_class(root, "spoke-label")]
     assert len(places) > 3
     assert [place for place in places if place[0] < right and place[1] > top] == []

@@ -4,6 +4,7 @@ import base64
 import io
 from datetime import date
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -12,14 +13,35 @@ import xarray as xr
 from PIL import Image
 
 from bella.exceptions import InputError, NoDataError
-from bella.plotting import write_day_svg
+from bella.plotting import day_figure
 from bella.plotting.fleet import BOX_COLUMNS
 from bella.spectra import over_background
 from tests.plotting.reading import SVG, of_class, parsed, texts
-from tests.plotting.test_day import day
 
 DAY = date(2022, 3, 1)
 EMPTY = pd.DataFrame(columns=list(BOX_COLUMNS))
+
+
+def day(**changes: object) -> xr.Dataset:
+    """Four hours of noise with a burst at 01:00 and a gap from 02:00 to 03:00."""
+    minutes = np.delete(np.arange(240), slice(120, 180))
+    level = np.random.default_rng(5).normal(0.0, 0.3, (180, 30))
+    level[60:75] += 15.0
+    attributes = {"observatory": "SOLO", "receiver": "HFR", "quantity": "psd_v2_hz", "integration_s": 60.0}
+    return xr.Dataset(
+        {"intensity": (("time", "frequency"), (1e-17 * 10.0 ** (level / 10.0)).astype(np.float32))},
+        coords={
+            "time": np.datetime64("2022-03-01", "ns") + minutes * np.timedelta64(60, "s"),
+            "frequency": np.geomspace(0.4, 16.0, 30),
+        },
+        attrs=attributes | {"source_files": "none", **changes},
+    )
+
+
+def write_day_svg(path: Path, *drawn: Any) -> None:
+    """Keep the figure of a day."""
+    path.parent.mkdir(exist_ok=True)
+    path.write_text(day_figure(*drawn), encoding="utf-8")
 
 
 def found(observatory: str, start: str, tier: str = "localisable", burst_id: str = "T3-x") -> pd.DataFrame:
@@ -56,6 +78,9 @@ def test_each_spacecraft_has_a_panel_with_its_own_boxes(tmp_path: Path) -> None:
     (box,) = of_class(root, "box")
     top = float(of_class(root, "no-data")[1].get("y", ""))
     assert float(box.get("y", "")) >= top - 2, "the box is in the panel of its spacecraft"
+    share = np.log(16.0 * 1.05 / 0.5) / np.log(16.0 * 1.05 / (0.4 / 1.05))
+    bottom = float(box.get("y", "")) + float(box.get("height", ""))
+    assert bottom == pytest.approx(top + 150.0 * share + 2, abs=0.5), "and reaches to its lowest frequency"
 
 
 def test_a_box_stands_at_its_time_and_leads_to_its_burst(tmp_path: Path) -> None:
@@ -128,3 +153,21 @@ def test_what_cannot_be_drawn_leaves_the_figure_before_it(tmp_path: Path) -> Non
 
     assert path.read_bytes() == before
     assert list(tmp_path.iterdir()) == [path]
+
+
+def test_a_thousand_boxes_are_all_there_and_stay_small(tmp_path: Path) -> None:
+    few, many = tmp_path / "few.svg", tmp_path / "many.svg"
+    times = pd.date_range("2022-03-01T00:10", periods=1000, freq="80s")
+    tiers = ["localisable", "catalogued", "rejected", "localisable"] * 250
+    table = pd.concat(
+        [found("SOLO", "01 01:00", tier, f"T3-{n}") for n, tier in enumerate(tiers)], ignore_index=True
+    ).assign(start_utc=times, end_utc=times + pd.Timedelta(seconds=60))
+    write_day_svg(few, DAY, [day()], table.iloc[:1])
+    write_day_svg(many, DAY, [day()], table)
+    assert many.stat().st_size < few.stat().st_size + 50_000
+    paths = {one.get("class"): one.get("d") for one in of_class(parsed(many.read_text()), "box")}
+    counts = {name: drawn.count("Z") for name, drawn in paths.items()}
+    assert counts == {"box localised": 500, "box burst": 250, "box rejected": 250}
+    (rect,) = of_class(parsed(few.read_text()), "box")
+    first = paths["box localised"].split("Z")[0]
+    assert first.startswith(f"M{rect.get('x')} {rect.get('y')}H")

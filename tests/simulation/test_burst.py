@@ -17,9 +17,9 @@ from bella.simulation.burst import (
     Aspect,
     Companion,
     arrival_s,
-    heard,
     light_arrival_s,
     mean_beam_speed_c,
+    received,
     source_position_rsun,
     source_range_rsun,
     travel_s,
@@ -39,10 +39,12 @@ def test_differences_between_spacecraft_are_light_travel_alone() -> None:
     source = source_position_rsun(BURST, FREQUENCY)
     there = [position_hee(name, RELEASE, RELEASE)[0] for name in FLEET]
     way_s = [np.linalg.norm(source - where, axis=1) / C_RSUN_S for where in there]
-    heard = [arrival_s(BURST, FREQUENCY, name) for name in FLEET]
+    received = [arrival_s(BURST, FREQUENCY, name) for name in FLEET]
 
-    np.testing.assert_allclose(heard[1] - heard[0], way_s[1] - way_s[0], atol=0.2)  # the fleet moves by 0.1 s of light
-    assert (np.diff(heard[0]) < 0).all()
+    np.testing.assert_allclose(
+        received[1] - received[0], way_s[1] - way_s[0], atol=0.2
+    )  # the fleet moves by 0.1 s of light
+    assert (np.diff(received[0]) < 0).all()
 
 
 def test_sources_lie_on_the_spiral_where_the_density_says() -> None:
@@ -180,9 +182,9 @@ def test_the_truth_is_the_half_rise_of_what_is_received(stratum: str) -> None:
 def test_width_of_the_light_curve_follows_direction_and_spacecraft() -> None:
     burst = replace(BURST, widening=0.6, aspects={"WIND": Aspect(rise=0.8, decay=1.3)})
     frequency = np.array([0.5])
-    plain, wide = (heard(one, frequency, "WIND") for one in (BURST, burst))
+    plain, wide = (received(one, frequency, "WIND") for one in (BURST, burst))
     turned = 1.0 - np.cos(np.radians(55.0))
-    other = heard(burst, frequency, "STEREO-B").rise_s / heard(BURST, frequency, "STEREO-B").rise_s
+    other = received(burst, frequency, "STEREO-B").rise_s / received(BURST, frequency, "STEREO-B").rise_s
 
     assert (plain.arrival_s == wide.arrival_s).all()
     assert 0.8 < wide.rise_s / plain.rise_s < 0.8 * (1 + 0.3 * turned)
@@ -193,8 +195,10 @@ def test_width_of_the_light_curve_follows_direction_and_spacecraft() -> None:
 def test_the_delay_of_a_component_goes_with_its_own_rise() -> None:
     quick = Companion(harmonic=1, rise_factor=0.6)
     frequency = np.array([0.4])
-    late, on_time = (heard(replace(BURST, companion=quick, kappa=kappa), frequency, "STEREO-B") for kappa in (0.2, 0.0))
-    own = heard(replace(BURST, harmonic=1, kappa=0.2), frequency, "STEREO-B").arrival_s - on_time.arrival_s[:, 1]
+    late, on_time = (
+        received(replace(BURST, companion=quick, kappa=kappa), frequency, "STEREO-B") for kappa in (0.2, 0.0)
+    )
+    own = received(replace(BURST, harmonic=1, kappa=0.2), frequency, "STEREO-B").arrival_s - on_time.arrival_s[:, 1]
 
     np.testing.assert_allclose((late.arrival_s - on_time.arrival_s)[:, 1], 0.6 * own[0])
     np.testing.assert_allclose(on_time.rise_s[:, 1], 0.6 * on_time.rise_s[:, 0])
@@ -203,7 +207,7 @@ def test_the_delay_of_a_component_goes_with_its_own_rise() -> None:
 def test_both_components_of_a_pair_are_received() -> None:
     pair = replace(BURST, companion=Companion(harmonic=1, height=0.5, directivity=0.3), directivity=2.0)
     frequency = np.array([0.3, 1.0])
-    toward, aside = (heard(pair, frequency, name) for name in ("WIND", "STEREO-B"))
+    toward, aside = (received(pair, frequency, name) for name in ("WIND", "STEREO-B"))
     alone = light_arrival_s(replace(BURST, harmonic=1), frequency, "WIND")
 
     np.testing.assert_allclose(toward.arrival_s[:, 1], alone)

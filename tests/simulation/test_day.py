@@ -8,7 +8,7 @@ import pytest
 import xarray as xr
 
 from bella.simulation import Receiver, SimulatedBurst
-from bella.simulation.burst import arrival_s, heard
+from bella.simulation.burst import arrival_s, received
 from bella.simulation.day import Scene, observe_scene
 from bella.simulation.instruments import WRITABLE, Instrument, instruments
 from bella.simulation.receiver import Samples, minute_means, received_power, record_middles_s
@@ -72,7 +72,7 @@ def test_integration_neither_loses_nor_adds_energy(integration_s: float) -> None
     receiver = Receiver("WIND", "any", channels, integration_s, integration_s, np.zeros(3))
     middle_s = record_middles_s(integration_s, 4.9 * 3600.0, 7.5 * 3600.0)
     energy_s = integration_s * received_power(receiver, [BURST], MIDNIGHT, middle_s).sum(axis=0)
-    what = heard(BURST, channels, "WIND")
+    what = received(BURST, channels, "WIND")
     time_s = np.arange(-600.0, 8000.0, 0.1)
     curves = BURST.pulse.curves(channels)
 

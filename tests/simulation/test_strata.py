@@ -11,7 +11,7 @@ import pytest
 
 from bella.exceptions import InputError
 from bella.simulation import SimulatedBurst
-from bella.simulation.burst import SPEED_LAWS, heard, source_position_rsun
+from bella.simulation.burst import SPEED_LAWS, received, source_position_rsun
 from bella.simulation.light_curves import PulseLaw
 from bella.simulation.sky import DEPARTURES, draw_burst
 from bella.simulation.strata import FLEETS, STRATA, JudgingSeed, SimulatedCase, isolated_burst, judging_seed
@@ -181,7 +181,7 @@ def test_components_of_a_pair_differ_between_spacecraft() -> None:
     shares = []
     for seed in range(5):
         case = isolated_burst("pairs", "2012", seed)
-        height = [heard(case.burst, np.array([0.6]), name).height[0] for name in case.datasets]
+        height = [received(case.burst, np.array([0.6]), name).height[0] for name in case.datasets]
         shares.append([one[1] / one.sum() for one in height])
     assert np.ptp(shares, axis=1).max() > 0.4
     assert np.min(shares) < 0.1

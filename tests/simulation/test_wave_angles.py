@@ -1,4 +1,4 @@
-"""Simulated wave directions: of the source where a burst is heard, of nothing elsewhere, and in the files."""
+"""Simulated wave directions: of the source where a burst is received, of nothing elsewhere, and in the files."""
 
 from datetime import date
 from pathlib import Path
@@ -23,14 +23,14 @@ BURST = SimulatedBurst(RELEASE, phi0_deg=20.0, f_low_mhz=0.3, f_high_mhz=5.0, co
 
 
 @pytest.fixture(scope="module")
-def heard() -> xr.Dataset:
+def received() -> xr.Dataset:
     """One burst on a day of STEREO-A's HFR."""
     (instrument,) = instruments("STA_L3_WAV_HFR", DAY)
     return observe_day(instrument, [Sky(DAY, (BURST,), (), {})], DAY, np.random.default_rng(2))
 
 
-def test_directions_point_to_the_source_within_their_scatter(heard: xr.Dataset) -> None:
-    table = wave_directions(heard, WINDOW)
+def test_directions_point_to_the_source_within_their_scatter(received: xr.Dataset) -> None:
+    table = wave_directions(received, WINDOW)
     place = position_hee("STEREO-A", np.array([RELEASE]), RELEASE)[0]
     x, y, _ = (source_position_rsun(BURST, table["frequency_mhz"].to_numpy()) - place).T
     away = (table["longitude_deg"] - np.degrees(np.arctan2(y, x)) + 180) % 360 - 180
@@ -42,15 +42,15 @@ def test_directions_point_to_the_source_within_their_scatter(heard: xr.Dataset) 
     assert not table.attrs["turned"], "angles are those towards the source"
 
 
-def test_a_quiet_day_has_no_directions(heard: xr.Dataset) -> None:
+def test_a_quiet_day_has_no_directions(received: xr.Dataset) -> None:
     before = WINDOW[0] - np.timedelta64(5, "h"), WINDOW[0] - np.timedelta64(4, "h")
-    assert len(wave_directions(heard, before)) == 0
+    assert len(wave_directions(received, before)) == 0
 
 
-def test_angles_survive_the_file(heard: xr.Dataset, tmp_path: Path) -> None:
-    (read,) = open_spectra(write_spectra([heard], "STA_L3_WAV_HFR", DAY, tmp_path))
+def test_angles_survive_the_file(received: xr.Dataset, tmp_path: Path) -> None:
+    (read,) = open_spectra(write_spectra([received], "STA_L3_WAV_HFR", DAY, tmp_path))
     for name in ("wave_colatitude_hee_deg", "wave_azimuth_hee_deg"):
-        np.testing.assert_allclose(read[name], heard[name], rtol=1e-6)
+        np.testing.assert_allclose(read[name], received[name], rtol=1e-6)
 
 
 def test_the_lfr_has_none() -> None:

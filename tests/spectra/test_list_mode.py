@@ -17,11 +17,11 @@ LISTED = np.isin(CHANNELS_KHZ, LIST_KHZ)
 def archived(order_khz: np.ndarray) -> xr.Dataset:
     """A ramp of its own slope in every channel, seen where the list is, averaged by minute, filled in frequency."""
     ticks = np.arange(0.0, MINUTES * 60.0, TICK_S)
-    heard = order_khz[((ticks - START_S) % LIST_S / DWELL_S).astype(int)]
+    received = order_khz[((ticks - START_S) % LIST_S / DWELL_S).astype(int)]
     minute = (ticks // 60.0).astype(int)
     day = np.full((MINUTES, CHANNELS_KHZ.size), np.nan)
     for column in np.flatnonzero(LISTED):
-        here = heard == CHANNELS_KHZ[column]
+        here = received == CHANNELS_KHZ[column]
         count = np.bincount(minute[here], minlength=MINUTES)
         total = np.bincount(minute[here], signal_of(CHANNELS_KHZ[column], ticks[here]), MINUTES)
         day[count > 0, column] = total[count > 0] / count[count > 0]

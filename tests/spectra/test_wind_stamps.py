@@ -27,7 +27,7 @@ FEWEST = 8
 Window = tuple[np.datetime64, np.datetime64]
 
 
-class Heard(NamedTuple):
+class Received(NamedTuple):
     """A burst: when to look, and about which HEE longitude its source was."""
 
     begin: str
@@ -46,11 +46,11 @@ class Heard(NamedTuple):
 
 
 FAR_SIDE = (
-    Heard("2020-07-21T02:47", "2020-07-21T03:10", 160.0),
-    Heard("2020-07-21T06:58", "2020-07-21T07:16", 160.0),
-    Heard("2020-07-21T07:14", "2020-07-21T07:40", 160.0),
+    Received("2020-07-21T02:47", "2020-07-21T03:10", 160.0),
+    Received("2020-07-21T06:58", "2020-07-21T07:16", 160.0),
+    Received("2020-07-21T07:14", "2020-07-21T07:40", 160.0),
 )
-WEST = Heard("2010-01-17T17:42", "2010-01-17T17:54", 50.0)
+WEST = Received("2010-01-17T17:42", "2010-01-17T17:54", 50.0)
 
 
 class LightCurve(NamedTuple):
@@ -87,7 +87,7 @@ def later_s(one: LightCurve, other: LightCurve, length_s: float) -> float:
     return float(lags[alike.argmax()]) if coherence > LEAST_COHERENCE else np.nan
 
 
-def unexplained_s(wind: xr.Dataset, other: xr.Dataset, burst: Heard, band_mhz: tuple[float, float]) -> float:
+def unexplained_s(wind: xr.Dataset, other: xr.Dataset, burst: Received, band_mhz: tuple[float, float]) -> float:
     """What Wind is later than another spacecraft beyond the light's way, median of the channels."""
     length_s = (burst.window[1] - burst.window[0]) / np.timedelta64(1, "s")
     mhz, there_mhz = wind["frequency"].to_numpy(), other["frequency"].to_numpy()

@@ -131,7 +131,7 @@ def small(**columns: float) -> ArrivalGrid:
     rows = {"observatory": ["A", "A", "B"], "frequency_mhz": [0.4, 0.8, 0.5], "sigma_s": [2.0, 3.0, 4.0]}
     rows |= {"arrival_utc": "2026-07-09T12:00:00", "edge": "half_rise"}
     rows |= {"x_rsun": [200.0, 200.0, 0.0], "y_rsun": [0.0, 0.0, 200.0], "z_rsun": 0.0, "rise_s": [50.0, 20.0, 40.0]}
-    return arrival_grid(check_arrivals(pd.DataFrame(rows | columns), heard_by=2), heard_by=1)
+    return arrival_grid(check_arrivals(pd.DataFrame(rows | columns), received_by=2), received_by=1)
 
 
 def noise_s2(**columns: float) -> np.ndarray:
@@ -256,7 +256,7 @@ def test_errors_are_widened_where_nothing_fits() -> None:
 
 def test_many_channels_are_averaged() -> None:
     grid = burst(6)[1]
-    heard = np.isfinite(grid.arrival_s)
+    received = np.isfinite(grid.arrival_s)
     dense = np.sort(np.concatenate([grid.frequency_mhz * (1 + 1e-5 * step) for step in range(8)]))
     again = np.repeat(np.arange(grid.frequency_mhz.size), 8)
     copied = ArrivalGrid(
@@ -268,7 +268,7 @@ def test_many_channels_are_averaged() -> None:
         grid.reference_utc,
         grid.edge,
     )
-    assert rows_of(copied).arrival_s.size <= 120 < 8 * heard.sum()
+    assert rows_of(copied).arrival_s.size <= 120 < 8 * received.sum()
     moved = np.abs(np.subtract(preliminary_track(copied).phi0_probability, fitted(6).phi0_probability)).sum() / 2
     assert moved < 0.1
 
@@ -383,8 +383,8 @@ def test_separation_is_the_angle_at_the_sun() -> None:
 def pairs(table: pd.DataFrame) -> list[ArrivalGrid]:
     names = sorted(set(table["observatory"]))
     both = [(one, other) for one in names for other in names if one < other]
-    tables = [check_arrivals(table[table["observatory"].isin(pair)], heard_by=2) for pair in both]
-    return [arrival_grid(locate_receivers(one), heard_by=1) for one in tables]
+    tables = [check_arrivals(table[table["observatory"].isin(pair)], received_by=2) for pair in both]
+    return [arrival_grid(locate_receivers(one), received_by=1) for one in tables]
 
 
 def test_pairs_of_the_burst_of_2012_hold_the_answer_of_three(reference_files: Path) -> None:

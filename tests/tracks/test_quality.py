@@ -47,14 +47,14 @@ def test_a_flag_is_raised_beyond_its_limit(flag: str, below: dict[str, object], 
     assert raised(**beyond) == {flag}
 
 
-@pytest.mark.parametrize("heard", [6, 12, 24])
-def test_the_shared_band_is_where_a_third_spacecraft_was_timed(heard: int) -> None:
+@pytest.mark.parametrize("received", [6, 12, 24])
+def test_the_shared_band_is_where_a_third_spacecraft_was_timed(received: int) -> None:
     grid = Burst().arrivals()
-    grid.arrival_s[heard:, 2] = np.nan
+    grid.arrival_s[received:, 2] = np.nan
     log = np.log(grid.frequency_mhz)
 
-    expected = (log[heard - 1] + 0.15 - log[0]) / (log[-1] - log[0])
+    expected = (log[received - 1] + 0.15 - log[0]) / (log[-1] - log[0])
     assert shared_band(grid) == pytest.approx(expected, abs=0.01)
     four = Burst().arrivals(receivers=FOUR)
-    four.arrival_s[heard:, 2] = np.nan
+    four.arrival_s[received:, 2] = np.nan
     assert shared_band(four) == 1.0
