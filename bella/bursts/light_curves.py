@@ -129,6 +129,10 @@ class Start:
     curve_s: FloatArray
 
 
+IN_LINE = 0.5
+"""A channel starts from its own half-maximum where that lies this near the line through the next two channels on one
+side, or one on each, in units of the rise and the cadence: a wrong one does not."""
+
 DECAY_AT_1_MHZ_S, DECAY_SLOPE = 72.0, -0.97
 """Decay time of bursts, Kontar et al. 2019, ApJ 884, 122, doi:10.3847/1538-4357/ab40bb."""
 
@@ -210,7 +214,11 @@ def _crossing_s(time_s: FloatArray, power: FloatArray, share: float) -> float:
 
 
 def first_guess(light: LightCurves, rises: RiseOfBurst) -> Start:
-    """Half-maximum of each channel, and a robust curve through them from which all channels start."""
+    """Half-maximum of each channel, and a curve through them from which all channels start.
+
+    A robust curve, but the half-maximum itself where the channels beside it agree: times of a source that passes close by
+    a receiver, or whose density waves, bend by more than a curve of few terms does.
+    """
     number = light.frequency_mhz.size
     rise = rises.rise_s(light.frequency_mhz)
     half, flag, peaks = np.full(number, np.nan), np.full(number, "", dtype=object), np.zeros(number, dtype=np.intp)
@@ -230,16 +238,18 @@ def first_guess(light: LightCurves, rises: RiseOfBurst) -> Start:
         if not flag[j] and is_cut_off(time, power, top, float(rise[j])):
             flag[j] = SATURATED
     flag[reach_ceiling(light.frequency_mhz, light.power, flag == SATURATED)] = SATURATED
-    return Start(
-        half, peaks, flag, rise, _robust_curve(light.frequency_mhz, half, flag, np.hypot(rise, light.cadence_s))
-    )
+    scale_s, good = np.hypot(rise, light.cadence_s), np.isfinite(half) & (flag == "")
+    curve_s = _robust_curve(light.frequency_mhz, half, good, scale_s)
+    known = np.flatnonzero(good)
+    own = known[_in_line(np.log(light.frequency_mhz[known]), (half - curve_s)[known], IN_LINE * scale_s[known])]
+    curve_s[own] = half[own]
+    return Start(half, peaks, flag, rise, curve_s)
 
 
 def _robust_curve(
-    frequency_mhz: FloatArray, half_s: FloatArray, flag: npt.NDArray[np.object_], scale_s: FloatArray
+    frequency_mhz: FloatArray, half_s: FloatArray, good: npt.NDArray[np.bool_], scale_s: FloatArray
 ) -> FloatArray:
     """Curve a + b / f + c / f^2 through the half-maxima, with Cauchy weights; NaN where fewer than four are known."""
-    good = np.isfinite(half_s) & (flag == "")
     if good.sum() < FEWEST_CHANNELS:
         return np.full(half_s.shape, np.nan)
     x = 1.0 / frequency_mhz
@@ -255,6 +265,16 @@ def _robust_curve(
         away = (half_s[good] - middle - terms[good] @ coefficients) / scale
         weight = 1.0 / (1.0 + away**2)
     return np.asarray(middle + terms @ coefficients)
+
+
+def _in_line(x: FloatArray, y: FloatArray, near: FloatArray) -> npt.NDArray[np.bool_]:
+    """Which points lie near the line through the next two on the left, on the right, or one on each side."""
+    found = np.zeros(x.size, dtype=bool)
+    for one, other in ((-2, -1), (-1, 1), (1, 2)):
+        i = np.arange(max(0, -one), x.size - max(0, other))
+        slope = (y[i + other] - y[i + one]) / (x[i + other] - x[i + one])
+        found[i] |= np.abs(y[i + one] + slope * (x[i] - x[i + one]) - y[i]) <= near[i]
+    return found
 
 
 def fitted_samples(light: LightCurves, start: Start, index: int) -> Craft | None:

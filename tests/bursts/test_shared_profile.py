@@ -30,8 +30,13 @@ def gamma(x: np.ndarray) -> np.ndarray:
     return late**2.2 * np.exp(-0.7 * late)
 
 
-def light(name: str, pulse: Pulse, late_s: float, seed: int, width: float = 1.0) -> tuple[LightCurves, np.ndarray]:
-    """Light curves of a spacecraft with noise of 4 %, and when they rise to half of their maximum."""
+def light(
+    name: str, pulse: Pulse, late_s: float, seed: int, width: float = 1.0, bump_s: float = 0.0
+) -> tuple[LightCurves, np.ndarray]:
+    """Light curves of a spacecraft with noise of 4 %, and when they rise to half of their maximum.
+
+    Those between 0.5 and 1 MHz come later by `bump_s`.
+    """
     cadence, integration = RECEIVERS[name]
     random = np.random.default_rng(seed)
     fine = np.linspace(-15.0, 60.0, 15001)
@@ -41,6 +46,7 @@ def light(name: str, pulse: Pulse, late_s: float, seed: int, width: float = 1.0)
     running = np.concatenate([[0.0], np.cumsum(0.5 * (height[1:] + height[:-1]) * np.diff(fine))]) / height[top]
     scale = width * 15.0 * FREQUENCY_MHZ**-0.9
     arrival = 900.0 + 260.0 * FREQUENCY_MHZ**-0.9 + late_s * (1.0 + 0.2 * np.log(FREQUENCY_MHZ))
+    arrival += bump_s * (np.abs(np.log(FREQUENCY_MHZ / 0.7)) < 0.35)
     middle = random.uniform(0.0, cadence) + cadence * np.arange(int(3600 / cadence))
     low, high = ((middle[:, None] + side * integration / 2 - arrival) / scale + half for side in (-1.0, 1.0))
     mean = (np.interp(high, fine, running) - np.interp(low, fine, running)) / (high - low)
@@ -61,12 +67,22 @@ def light(name: str, pulse: Pulse, late_s: float, seed: int, width: float = 1.0)
     )
 
 
-def fleet(pulse: Pulse, seed: int = 1) -> tuple[list[LightCurves], np.ndarray]:
+def fleet(pulse: Pulse, seed: int = 1, bump_s: float = 0.0) -> tuple[list[LightCurves], np.ndarray]:
     pairs = [
-        light(name, pulse, late, seed + n)
+        light(name, pulse, late, seed + n, bump_s=bump_s)
         for n, (name, late) in enumerate(zip(RECEIVERS, (0, 90, -60, 30), strict=True))
     ]
     return [one for one, _ in pairs], np.concatenate([arrival for _, arrival in pairs])
+
+
+def test_times_that_no_smooth_curve_follows_are_found_in_every_channel() -> None:
+    lights, arrival = fleet(norris, bump_s=-200.0)
+    fit = fit_profile(lights)
+    timed = fit.flag == ""
+    late = np.abs(np.log(fit.frequency_mhz / 0.7)) < 0.35
+    assert (timed & late).sum() >= 0.8 * late.sum()
+    off = fit.arrival_s - arrival
+    assert np.abs(off[timed] - np.median(off[timed])).max() < 20.0
 
 
 @pytest.mark.parametrize("pulse", [norris, logistic, gamma])
