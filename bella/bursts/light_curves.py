@@ -216,8 +216,8 @@ def _crossing_s(time_s: FloatArray, power: FloatArray, share: float) -> float:
 def first_guess(light: LightCurves, rises: RiseOfBurst) -> Start:
     """Half-maximum of each channel, and a curve through them from which all channels start.
 
-    A robust curve, but the half-maximum itself where the channels beside it agree: times of a source that passes close by
-    a receiver, or whose density waves, bend by more than a curve of few terms does.
+    A robust curve, but the half-maximum itself where the channels beside it agree: times of a source that passes close
+    by a receiver, or whose density waves, bend by more than a curve of few terms does.
     """
     number = light.frequency_mhz.size
     rise = rises.rise_s(light.frequency_mhz)

@@ -31,7 +31,7 @@ def gamma(x: np.ndarray) -> np.ndarray:
 
 
 def light(
-    name: str, pulse: Pulse, late_s: float, seed: int, width: float = 1.0, bump_s: float = 0.0
+    name: str, pulse: Pulse, late_s: float, seed: int, *, width: float = 1.0, bump_s: float = 0.0
 ) -> tuple[LightCurves, np.ndarray]:
     """Light curves of a spacecraft with noise of 4 %, and when they rise to half of their maximum.
 
@@ -113,7 +113,7 @@ def test_the_time_does_not_depend_on_the_strength_or_the_zero_of_time() -> None:
 
 
 def test_wider_light_curves_of_one_spacecraft_are_not_late() -> None:
-    pairs = [light(name, gamma, 0.0, 5 + n, 1.2 if name == "PSP" else 1.0) for n, name in enumerate(RECEIVERS)]
+    pairs = [light(name, gamma, 0.0, 5 + n, width=1.2 if name == "PSP" else 1.0) for n, name in enumerate(RECEIVERS)]
     fit = fit_profile([one for one, _ in pairs])
     off = (fit.arrival_s - np.concatenate([arrival for _, arrival in pairs])).reshape(4, -1).mean(axis=1)
     assert fit.width_factor["PSP"] / fit.width_factor["SOLO"] == pytest.approx(1.2, abs=0.06)
