@@ -258,10 +258,11 @@ def _robust_curve(
     ridge = np.diag([1e-9, 1e-7, 1e-4])
     weight = np.ones(int(good.sum()))
     scale = 0.5 * scale_s[good]
-    coefficients = np.zeros(3)
+    coefficients: FloatArray = np.zeros(3)
     for _ in range(15):
         normal = terms[good].T * (weight / scale**2)
-        coefficients = np.linalg.solve(normal @ terms[good] + ridge, normal @ (half_s[good] - middle))
+        solved = np.linalg.solve(normal @ terms[good] + ridge, normal @ (half_s[good] - middle))
+        coefficients = np.asarray(solved, dtype=np.float64)
         away = (half_s[good] - middle - terms[good] @ coefficients) / scale
         weight = 1.0 / (1.0 + away**2)
     return np.asarray(middle + terms @ coefficients)
@@ -272,8 +273,9 @@ def _in_line(x: FloatArray, y: FloatArray, near: FloatArray) -> npt.NDArray[np.b
     found = np.zeros(x.size, dtype=bool)
     for one, other in ((-2, -1), (-1, 1), (1, 2)):
         i = np.arange(max(0, -one), x.size - max(0, other))
-        slope = (y[i + other] - y[i + one]) / (x[i + other] - x[i + one])
-        found[i] |= np.abs(y[i + one] + slope * (x[i] - x[i + one]) - y[i]) <= near[i]
+        share = (x[i] - x[i + one]) / (x[i + other] - x[i + one])
+        line = (1.0 - share) * y[i + one] + share * y[i + other]
+        found[i] |= np.abs(line - y[i]) <= near[i]
     return found
 
 
