@@ -88,7 +88,7 @@ LEAST_HEIGHT = 0.05
 RELOCATED = (2, 4)
 """Rounds before which channels are moved to the best of their arrival times on trial."""
 
-ROUNDS, STEPS, LAST_STEPS = 9, 5, 24
+ROUNDS, STEPS, LAST_STEPS = 9, 5, 80
 """Weights of the samples are renewed before each round; so many steps in each, and in the last."""
 
 CONVERGED = 1.0
