@@ -23,7 +23,7 @@ CHANNEL_SHARES = np.geomspace(0.002, 0.2, 8)
 """Smooth and independent errors on trial, in rise times of the burst.
 
 Their size is not known beforehand: even in its logarithm. Simulated bursts have about 0.01 of the smooth one, the real
-bursts of 2012-06-07 and 2020-07-21 have 0.17 and 0.13.
+bursts of 2012-06-07 and 2020-07-21 have 0.13 each.
 """
 
 SCALE_POWER = 0.75
