@@ -3,8 +3,10 @@
 import asyncio
 import json
 from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import ExitStack
 from datetime import timedelta
+from functools import partial
 from pathlib import Path
 from threading import BoundedSemaphore
 from typing import Any
@@ -71,7 +73,9 @@ def ask(settings: Settings, address: str, on_piece: Callable[[int], None]) -> li
         if message.get("body"):
             on_piece(sum(bool(one.get("body")) for one in messages))
 
-    asyncio.run(create_app(settings)(scope, receive, send))  # type: ignore[arg-type]
+    answer = partial(asyncio.run, create_app(settings)(scope, receive, send))  # type: ignore[arg-type]
+    with ThreadPoolExecutor(1) as own:  # a browser of another test may have left its loop running in this thread
+        own.submit(answer).result()
     return messages
 
 
