@@ -1,6 +1,6 @@
 """How well differences of arrival times between two spacecraft are timed, and how well their errors are stated.
 
-Run with ``python -m benchmarks.arrival_differences [--seeds 6] [--strata clean ...]``. Bursts are those of
+Run with ``python -m benchmarks.arrival_differences [--seeds 6] [--first 0] [--strata clean ...]``. Bursts are those of
 :func:`bella.simulation.strata.isolated_burst` with seeds for judging: choose nothing by them. Channels and the table of
 common frequencies are judged from 0.3 to 2 MHz, where the burst stands out by a factor of ten.
 """
@@ -34,7 +34,7 @@ class Differences(NamedTuple):
 
 
 def differences(case: SimulatedCase, rows: Timed) -> list[Differences]:
-    """Of every pair of spacecraft, at the frequencies of the one with fewer in the band."""
+    """The first less the second of every pair of spacecraft, at the frequencies of the one with fewer in the band."""
     columns = noise_columns(rows)
     terms = [columns[name] ** 2 for name in ("sigma_s", "shape_sd_s", "offset_sd_s", "delay_sd_s")]
     variance = np.sum(terms, axis=0)
@@ -55,6 +55,7 @@ def differences(case: SimulatedCase, rows: Timed) -> list[Differences]:
         if inside.any():
             at = few[0][inside]
             off_s = few[1][inside] - np.interp(at, many[0], many[1])
+            off_s = off_s if few is curves[one] else -off_s
             variance_s2 = few[2][inside] + np.interp(at, many[0], many[2])
             found.append(Differences(f"{one}, {other}", off_s, np.sqrt(variance_s2)))
     return found
@@ -77,6 +78,7 @@ def main() -> None:
     """Print the table, by stratum and by pair."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--seeds", type=int, default=6, help="bursts of each stratum and fleet")
+    parser.add_argument("--first", type=int, default=0, help="number of the first seed")
     parser.add_argument("--strata", nargs="+", default=STRATA)
     parser.add_argument("--fleets", nargs="+", default=FLEETS)
     asked = parser.parse_args()
@@ -84,7 +86,7 @@ def main() -> None:
     pairs: dict[tuple[str, str], list[Differences]] = {}
     for stratum in asked.strata:
         found: dict[str, list[Differences]] = {"channels": [], "tables": []}
-        cases = list(itertools.product(asked.fleets, range(asked.seeds)))
+        cases = list(itertools.product(asked.fleets, range(asked.first, asked.first + asked.seeds)))
         for fleet, number in progress(cases, stratum, console=Console(stderr=True)):
             case = isolated_burst(stratum, fleet, judging_seed(number))
             timed, _ = time_spectra(case.spectra.values(), case.around_utc)

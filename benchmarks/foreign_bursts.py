@@ -1,17 +1,19 @@
 """Bursts of pulses, delays and beams that are in no other part of the house, through the commands, against their truth.
 
-Run with ``python -m benchmarks.foreign_bursts [--bursts 10] [--seed 1]``. Spectra are written as netCDF and go through
-``bella arrivals``, ``bella localise`` and ``bella fit-track`` with their defaults; only positions of spacecraft come
-from the package. Pulses are Gumbel, log-normal or Weibull; delays grow with the sine or the tangent of the viewing
-angle, or are the same number of seconds at all frequencies; beams are constant or lose speed exponentially with time.
+Run with ``python -m benchmarks.foreign_bursts [--bursts 10] [--seed 1] [--fleet 2021]``. Spectra are written as netCDF
+and go through ``bella arrivals``, ``bella localise`` and ``bella fit-track`` with their defaults; only positions of
+spacecraft come from the package. Pulses are Gumbel, log-normal or Weibull; delays grow with the cosine, the sine or the
+tangent of the viewing angle, or are the same number of seconds at all frequencies; beams are constant or lose speed
+exponentially with time. Differences of arrival times are those of the table, from 0.3 MHz on.
 A last table has arrival times with errors of 5 s and one clock that is 10 s late.
 """
 
 import argparse
+import itertools
 import json
 import tempfile
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
@@ -28,10 +30,16 @@ from bella.units import FloatArray
 
 LIGHT_RSUN_S = 299_792.458 / 695_700.0
 TURN_RAD_S = 2 * np.pi / (25.38 * 86_400.0)
-LAUNCH = np.datetime64("2012-06-07T12:00:00", "ns")
-RECEIVERS = {"WIND": (60.0, True), "STEREO-A": (38.05, False), "STEREO-B": (38.05, False)}
-"""Cadence, s, and whether samples are means over it."""
+WIND_AND_STEREO_A = {"WIND": (60.0, True), "STEREO-A": (38.05, False)}
+FLEETS = {
+    "2012": ("2012-06-07T12:00:00", WIND_AND_STEREO_A | {"STEREO-B": (38.05, False)}),
+    "2020": ("2020-10-11T06:00:00", WIND_AND_STEREO_A | {"SOLO": (17.0, False), "PSP": (7.0, True)}),
+    "2021": ("2021-10-09T06:00:00", WIND_AND_STEREO_A | {"SOLO": (17.0, False), "PSP": (7.0, True)}),
+    "2022": ("2022-03-02T06:00:00", WIND_AND_STEREO_A | {"SOLO": (17.0, False)}),
+}
+"""When bursts begin, and of each receiver the cadence, s, and whether samples are means over it."""
 CHANNELS_MHZ = np.geomspace(0.08, 13.5, 70)
+LOWEST_MHZ = 0.3
 INSIDE = {68: 2.2789, 95: 5.9915}
 LOST = 11.829
 """Chi-squared of two degrees of freedom at 68 %, 95 % and 3 standard deviations."""
@@ -39,6 +47,7 @@ LOST = 11.829
 Angle = FloatArray
 DELAYS: dict[str, Callable[[Angle, FloatArray], FloatArray]] = {
     "none": lambda angle, rise_s: 0 * angle * rise_s,
+    "cosine": lambda angle, rise_s: rise_s * (1 - np.cos(angle)),
     "sine squared": lambda angle, rise_s: rise_s * np.sin(angle) ** 2,
     "tangent": lambda angle, rise_s: 0.6 * rise_s * np.minimum(np.tan(angle / 2), 3.0),
     "seconds": lambda angle, rise_s: 30.0 * (1 - np.cos(angle)) + 0 * rise_s,
@@ -53,6 +62,7 @@ PULSES: dict[str, Callable[[FloatArray], FloatArray]] = {
 STRATA = {
     "constant": ("none", False),
     "slowing": ("none", True),
+    "cosine": ("cosine", False),
     "sine squared": ("sine squared", False),
     "tangent": ("tangent", False),
     "seconds": ("seconds", False),
@@ -114,11 +124,11 @@ class Burst:
         return np.asarray(self.emission_s(frequency_mhz) + distance / LIGHT_RSUN_S + late)
 
 
-def burst_of(stratum: str, rng: np.random.Generator) -> Burst:
+def burst_of(stratum: str, rng: np.random.Generator, fleet: str = "2012") -> Burst:
     """One burst of a stratum."""
     delay, slows = STRATA[stratum]
     return Burst(
-        release_utc=LAUNCH + np.timedelta64(int(rng.uniform(0, 3600) * 1e9), "ns"),
+        release_utc=np.datetime64(FLEETS[fleet][0], "ns") + np.timedelta64(int(rng.uniform(0, 3600) * 1e9), "ns"),
         phi0_deg=rng.uniform(-180, 180),
         v_sw_km_s=rng.uniform(320, 620),
         beam_c=rng.uniform(0.1, 0.28),
@@ -132,9 +142,10 @@ def burst_of(stratum: str, rng: np.random.Generator) -> Burst:
     )
 
 
-def spectrum_of(burst: Burst, observatory: str, rng: np.random.Generator) -> xr.Dataset:
+def spectrum_of(
+    burst: Burst, observatory: str, cadence_s: float, is_mean: bool, rng: np.random.Generator
+) -> xr.Dataset:
     """What one receiver records: three hours of background, noise and the burst."""
-    cadence_s, is_mean = RECEIVERS[observatory]
     start_s = -3600.0 - rng.uniform(0, cadence_s)
     time_s = np.arange(start_s, start_s + 4 * 3600, cadence_s)
     receiver = position_hee(observatory, burst.release_utc, burst.release_utc)[0]
@@ -181,14 +192,35 @@ class Judged:
     inside: tuple[tuple[float, float], ...] = ()
     error_deg: float = float("nan")
     flags: tuple[str, ...] = ()
+    off_s: FloatArray = field(default_factory=lambda: np.empty(0))
+    pull: FloatArray = field(default_factory=lambda: np.empty(0))
 
 
-def judged(burst: Burst, folder: Path, rng: np.random.Generator) -> Judged:
+def differences(burst: Burst, table: Path) -> tuple[FloatArray, FloatArray]:
+    """Errors of the differences of the arrival times of two spacecraft, s, and over what is stated."""
+    rows = pd.read_csv(table, comment="#", parse_dates=["arrival_utc"])
+    rows = rows[rows["frequency_mhz"] >= LOWEST_MHZ]
+    stated = [rows[name] for name in ("sigma_s", "shape_sd_s", "offset_sd_s", "delay_sd_s") if name in rows]
+    rows["variance_s2"] = sum(one**2 for one in stated)
+    since_s = (rows["arrival_utc"].dt.tz_localize(None) - pd.Timestamp(burst.release_utc)) / pd.Timedelta(1, "s")
+    for name, its in rows.groupby("observatory"):
+        receiver = position_hee(str(name), burst.release_utc, burst.release_utc)[0]
+        rows.loc[its.index, "off_s"] = since_s[its.index] - burst.edge_s(its["frequency_mhz"].to_numpy(), receiver)
+    rows = rows.set_index(["frequency_mhz", "observatory"])
+    off, variance = (rows[name].to_xarray().to_pandas() for name in ("off_s", "variance_s2"))
+    pairs = list(itertools.combinations(sorted(off.columns), 2))
+    apart = np.concatenate([off[one] - off[other] for one, other in pairs])
+    sd_s = np.concatenate([np.sqrt(variance[one] + variance[other]) for one, other in pairs])
+    known = np.isfinite(apart)
+    return apart[known], apart[known] / sd_s[known]
+
+
+def judged(burst: Burst, fleet: str, folder: Path, rng: np.random.Generator) -> Judged:
     """Take a burst through the commands."""
     files = []
-    for name in RECEIVERS:
+    for name, (cadence_s, is_mean) in FLEETS[fleet][1].items():
         files.append(str(folder / f"{name}.nc"))
-        spectrum_of(burst, name, rng).to_netcdf(files[-1], engine="h5netcdf")
+        spectrum_of(burst, name, cadence_s, is_mean, rng).to_netcdf(files[-1], engine="h5netcdf")
     table, places, track = (str(folder / name) for name in ("arrivals.csv", "places.csv", "track.json"))
     around = burst.release_utc + np.timedelta64(int(burst.emission_s(np.array([1.0]))[0] + 500), "s")
     try:
@@ -210,7 +242,7 @@ def judged(burst: Burst, folder: Path, rng: np.random.Generator) -> Judged:
         (float(one["q16"] <= truth <= one["q84"]), float(one["q2_5"] <= truth <= one["q97_5"]))
         for one, truth in zip((joint["phi0_deg"], joint["v_sw_km_s"]), truths, strict=True)
     )
-    return Judged("", tuple(away), inside, abs(turn), tuple(joint["flags"]))
+    return Judged("", tuple(away), inside, abs(turn), tuple(joint["flags"]), *differences(burst, Path(table)))
 
 
 def late_clock(receivers: int, late_s: float, rng: np.random.Generator, folder: Path) -> tuple[FloatArray, str]:
@@ -254,20 +286,22 @@ def main() -> None:
     parser.add_argument("--bursts", type=int, default=10, help="per stratum")
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--strata", nargs="*", default=list(STRATA), choices=list(STRATA))
+    parser.add_argument("--fleet", nargs="*", default=["2012"], choices=list(FLEETS))
     chosen = parser.parse_args()
     console = Console(width=150)
     bursts = Table(
-        "stratum", "answers", "positions 68 / 95 %", "lost", "longitude 68 / 95 %", "error, deg", "wind 68 / 95 %"
+        *("stratum", "answers", "positions 68 / 95 %", "lost", "longitude 68 / 95 %", "error, deg", "wind 68 / 95 %"),
+        *("differences: bias, rms, s", "pull"),
     )
     with tempfile.TemporaryDirectory() as folder:
         for number, stratum in enumerate(STRATA):
             if stratum not in chosen.strata:
                 continue
-            rng = np.random.default_rng([chosen.seed, number])
-            tries = [
-                judged(burst_of(stratum, rng), Path(folder), rng)
-                for _ in progress(range(chosen.bursts), stratum, console=Console(stderr=True))
-            ]
+            tries = []
+            for fleet in chosen.fleet:
+                rng = np.random.default_rng([chosen.seed, number, int(fleet)])
+                asked = progress(range(chosen.bursts), f"{stratum}, {fleet}", console=Console(stderr=True))
+                tries += [judged(burst_of(stratum, rng, fleet), fleet, Path(folder), rng) for _ in asked]
             bursts.add_row(stratum, *summary(tries))
             console.print(stratum, *summary(tries), sep=" | ")
             for one in tries:
@@ -289,8 +323,9 @@ def summary(tries: list[Judged]) -> list[str]:
     """One row of the table."""
     answers = [one for one in tries if not one.why]
     if not answers:
-        return [f"0 of {len(tries)}", "", "", "", "", ""]
+        return [f"0 of {len(tries)}", *7 * [""]]
     away = [np.array(one.away) for one in answers]
+    off_s, pull = (np.concatenate([getattr(one, name) for one in answers]) for name in ("off_s", "pull"))
 
     def pair(number: int) -> str:
         return " / ".join(f"{np.mean([one.inside[number][level] for one in answers]):.2f}" for level in (0, 1))
@@ -302,6 +337,8 @@ def summary(tries: list[Judged]) -> list[str]:
         pair(0),
         f"{np.median([one.error_deg for one in answers]):.1f}",
         pair(1),
+        f"{off_s.mean():+.2f}, {np.sqrt((off_s**2).mean()):.2f}",
+        f"{np.sqrt((pull**2).mean()):.2f}",
     ]
 
 

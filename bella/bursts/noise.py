@@ -27,9 +27,10 @@ bursts of 2012-06-07 and 2020-07-21 have 0.13 each.
 """
 
 SCALE_POWER = 0.75
-"""Errors grow with this power of the rise along a burst. In proportion to the rise (1) they are less likely by 3 and 6
+"""Errors grow with this power of the rise along a burst. In proportion to the rise (1) they are less likely by 2 and 6
 in ln L for 2012-06-07 and 2020-07-21, and by 1.7 for a simulated burst (47 of two generators). At 0.5 the likelihood is
-a little larger still, but the errors of 2012-06-07 at high frequencies then leave its half-rise track open."""
+a little larger still, but so are errors at high frequencies: winds above 1500 km/s are then not excluded for the
+half-maximum edges of 2012-06-07, and are borderline at 0.75."""
 
 SHAPE_LENGTH_LN_F = 0.2
 """Correlation length of the smooth error in ln f. Of 0.1 to 0.5 the two real events prefer it, by 3 to 16 in ln L."""
@@ -117,7 +118,7 @@ class Timed:
         return replace(self, **{name: getattr(self, name)[rows] for name in names})
 
     def scale_s(self) -> FloatArray:
-        """What errors of edges grow with along the burst, s: the rise in its middle."""
+        """What errors of edges are shares of, s: it changes along the burst by less than the rise does."""
         return np.asarray(self.middle_rise_s * (self.rise_s / self.middle_rise_s) ** SCALE_POWER)
 
     def independent_sd_s(self) -> FloatArray:

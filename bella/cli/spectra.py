@@ -259,7 +259,7 @@ def _print_arrivals(timed: "TimedBurst", asked: str, rows: int, output: Path) ->
         say(f"Edge {timed.edge}: a shared profile needs three spacecraft with enough channels, and a fit")
     noise = timed.noise
     say(
-        f"Errors beyond those of the samples, in rise times: {noise.shape_share:.3f} smooth along frequency, "
+        f"Errors beyond those of the samples, as shares of the rise: {noise.shape_share:.3f} smooth along frequency, "
         f"{noise.channel_share:.3f} of each channel"
     )
     answer(f"{rows} arrival times of {len(account['spacecraft'])} spacecraft by {timed.edge} in {output}")

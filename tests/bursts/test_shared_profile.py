@@ -5,7 +5,7 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from bella.bursts.light_curves import LightCurves, own_rise
+from bella.bursts.light_curves import LightCurves, first_guess, own_rise
 from bella.bursts.shared_profile import collapsed_samples, fit_profile
 from bella.exceptions import NoDataError
 
@@ -83,6 +83,15 @@ def test_times_that_no_smooth_curve_follows_are_found_in_every_channel() -> None
     assert (timed & late).sum() >= 0.8 * late.sum()
     off = fit.arrival_s - arrival
     assert np.abs(off[timed] - np.median(off[timed])).max() < 20.0
+
+
+def test_a_channel_with_a_wrong_half_maximum_starts_where_the_others_say() -> None:
+    one, arrival = light("PSP", norris, 0.0, 3)
+    wrong = 7
+    one.power[:, wrong] = np.roll(one.power[:, wrong], -100)  # 700 s too early
+    start = first_guess(one, own_rise([one]))
+    assert abs(start.half_s[wrong] - arrival[wrong]) > 600.0
+    assert np.abs(start.curve_s - arrival).max() < 30.0
 
 
 @pytest.mark.parametrize("pulse", [norris, logistic, gamma])
