@@ -7,7 +7,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from bella.bursts import spectrum_edges
-from bella.bursts.edges import half_maximum_edge
+from bella.bursts.edges import half_maximum_edge, reach_ceiling
 
 TIME_S = np.arange(0.0, 1200.0, 40.0)
 RISE_S, DECAY_S = 60.0, 150.0
@@ -144,3 +144,14 @@ def test_channels_that_were_not_measured_are_left_out(kind: type) -> None:
     marked = spectrum().assign(interpolated=("frequency", np.array([0, 1, 1], dtype=kind)))
 
     assert spectrum_edges(marked, "half_maximum")["frequency_mhz"].tolist() == [0.5]
+
+
+def test_neighbours_of_cut_off_channels_are_cut_off_at_the_same_level_only() -> None:
+    frequency = np.array([0.2, 0.9, 1.0, 1.1, 1.2, 1.3])
+    highest = np.array([100.0, 101.0, 100.0, 99.0, 70.0, 98.0])
+    power = highest * np.array([[0.1], [1.0], [0.3]])
+    power[0, 0] = np.nan
+    cut_off = np.array([False, True, True, True, False, False])
+    assert reach_ceiling(frequency, power, cut_off).tolist() == [False, True, True, True, False, True]
+    few = cut_off & (frequency != 1.0)
+    assert (reach_ceiling(frequency, power, few) == few).all()

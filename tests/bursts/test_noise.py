@@ -5,7 +5,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from bella.bursts.event import timed_event
 from bella.bursts.noise import (
     OUTLIER_SD,
     Timed,
@@ -81,12 +80,23 @@ def test_a_table_is_surer_than_its_channels_but_not_of_what_they_share() -> None
     assert (along["shape_sd_s"] ** 2 - channels["shape_sd_s"] ** 2 < channels["sigma_s"] ** 2).all()
 
 
-def test_the_errors_of_the_real_event_grow_towards_low_frequencies_but_less_than_its_rise() -> None:
-    timed = timed_event().noise
+def test_errors_grow_towards_low_frequencies_but_less_than_the_rise() -> None:
+    timed = estimate_noise(made(np.random.default_rng(3), 0.1))
     columns = noise_columns(timed.take(np.flatnonzero(timed.observatory == "WIND")))
-    order = np.argsort(columns["rise_s"])[[0, -1]]
-    rises, errors_s = columns["rise_s"][order], columns["shape_sd_s"][order]
-    assert 1.5 < errors_s[1] / errors_s[0] < 0.7 * rises[1] / rises[0]
+    assert (np.diff(columns["shape_sd_s"]) < 0).all()
+    share = columns["shape_sd_s"] / columns["rise_s"]  # the rise is 12 times as long at the lowest frequency
+    assert 0.35 < share[0] / share[-1] < 0.75
+
+
+@pytest.mark.parametrize(("ratio", "is_filled"), [(1.6, True), (3.0, False)])
+def test_holes_that_are_too_wide_are_left_empty(ratio: float, is_filled: bool) -> None:
+    every = estimate_noise(made(np.random.default_rng(4)))
+    inside = np.abs(np.log(every.frequency_mhz / 0.7)) < 0.5 * np.log(ratio)
+    along = at_frequencies(every.take(np.flatnonzero(~inside | (every.observatory != "PSP"))), FREQUENCY_MHZ)
+    given = {name: set(along.frequency_mhz[along.observatory == name]) for name in NAMES}
+    assert given["WIND"] == set(FREQUENCY_MHZ)
+    assert (given["PSP"] == given["WIND"]) == is_filled
+    assert given["WIND"] - given["PSP"] <= set(every.frequency_mhz[inside])
 
 
 @pytest.mark.parametrize(("away_sd", "kept"), [(OUTLIER_SD - 2.0, True), (OUTLIER_SD + 3.0, False)])
