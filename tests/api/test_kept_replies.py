@@ -93,6 +93,20 @@ def test_errors_moments_and_what_needs_a_token_are_not_kept(client: TestClient, 
     assert statements
 
 
+def test_what_is_not_kept_is_not_sent_to_who_has_it(
+    settings_with_figures: Settings, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(api.kept, "LARGEST_BYTES", 1)
+    with TestClient(create_app(settings_with_figures)) as reader:
+        solution = reader.get(BURST).json()["preferred_solution"]
+        for address in (LIST, f"{LIST}?limit=%61ll", f"/api/v1/solutions/{solution}/figures/polar-fit"):
+            first = reader.get(address)
+            assert (first.status_code, bool(first.content)) == (200, True)
+            known = reader.get(address, headers={"If-None-Match": first.headers["etag"]})
+            assert (known.status_code, known.content, known.headers["etag"]) == (304, b"", first.headers["etag"])
+            assert reader.get(address, headers={"If-None-Match": '"other"'}).content == first.content
+
+
 def test_kept_replies_grow_old_and_make_room(
     client: TestClient, statements: list[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
