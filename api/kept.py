@@ -113,7 +113,7 @@ def _may_be_kept(scope: Scope, asked: Headers) -> bool:
     path = own_path(scope)
     is_file = any(one in path for one in FILES)
     is_streamed = b"limit=all" in scope["query_string"]  # sent piece by piece, which are made as they are taken
-    return not (path.startswith(NEVER) or is_file or is_streamed or "authorization" in asked or "range" in asked)
+    return not (path.startswith(NEVER) or is_file or is_streamed or "authorization" in asked)
 
 
 def _key(scope: Scope, asked: Headers) -> tuple[str, ...]:
