@@ -33,7 +33,7 @@ class CalibrationRowReply(Reply):
     @classmethod
     def of(cls, row: FoundRow) -> "CalibrationRowReply":
         """Reply for a row of the published table."""
-        return cls(**{name: getattr(row, name) for name in cls.model_fields})
+        return cls.model_validate(row, from_attributes=True)
 
 
 class CalibrationReply(Reply):

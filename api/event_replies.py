@@ -81,7 +81,7 @@ class EventListReply(Reply):
     @classmethod
     def of(cls, one: ListRead) -> "EventListReply":
         """Reply for a list."""
-        return cls(**{name: value for name, value in asdict(one).items() if name in cls.model_fields})
+        return cls.model_validate(one, from_attributes=True)
 
 
 class EventsReply(PageReply):

@@ -119,12 +119,20 @@ class Revalidated:
             await self.app(scope, receive, send)
             return
         is_head = scope["method"] == "HEAD"
-        reply = _Reply(Headers(scope=scope), send, without_body=is_head)
+        reply = OutgoingReply(Headers(scope=scope), send, without_body=is_head)
         await self.app({**scope, "method": "GET", WITHOUT_BODY: is_head}, receive, reply.take)
 
 
-class _Reply:
-    """A reply on its way: its start waits for its body, whose tag it carries."""
+class OutgoingReply:
+    """A reply on its way: its start waits for its body, whose tag it carries; 304 where the reader has it already.
+
+    Parameters
+    ----------
+    asked : Headers
+        Of the request.
+    send : Send
+    without_body : bool
+    """
 
     def __init__(self, asked: Headers, send: Send, *, without_body: bool) -> None:
         self.asked, self.send, self.without_body = asked, send, without_body

@@ -6,10 +6,10 @@ from dataclasses import dataclass
 from threading import Lock
 
 from starlette.concurrency import run_in_threadpool
-from starlette.datastructures import Headers, MutableHeaders
+from starlette.datastructures import Headers
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
-from api.freshness import ENDLESS, REVALIDATE, has_entity, not_modified_headers
+from api.freshness import ENDLESS, REVALIDATE, OutgoingReply
 from api.links import own_path
 from api.service import Service
 
@@ -63,16 +63,17 @@ class KeptReplies:
         if state is None:
             await self.app(scope, receive, send)
             return
-        key = _key(scope, asked)
+        key, reply = _key(scope, asked), OutgoingReply(asked, send, without_body=False)
         kept = self._kept.get(key)
         if kept is None or kept.state != state or kept.until_s < time.monotonic():
-            kept = await self._made(scope, receive, send, state)
+            kept = await self._made(scope, receive, reply, state)
             if kept is None:
                 return
             self._keep(key, kept)
-        await _answer(kept, asked, send)
+        await reply.take({"type": "http.response.start", "status": 200, "headers": [*kept.headers]})
+        await reply.take({"type": "http.response.body", "body": kept.body})
 
-    async def _made(self, scope: Scope, receive: Receive, send: Send, state: str) -> _Kept | None:
+    async def _made(self, scope: Scope, receive: Receive, reply: OutgoingReply, state: str) -> _Kept | None:
         """The reply of the application; None where it is not kept, and was sent."""
         start: Message = {}
         found: list[_Kept] = []
@@ -89,9 +90,9 @@ class KeptReplies:
                     until_s = time.monotonic() + AGE_S
                     found.append(_Kept(state, until_s, [*start["headers"]], body))
                     return
-                await send(start)
+                await reply.take(start)
                 start = {}
-            await send(message)
+            await reply.take(message)
 
         rest = [(name, value) for name, value in scope["headers"] if name not in CONDITIONS]
         await self.app({**scope, "headers": rest}, receive, _take)
@@ -112,7 +113,7 @@ def _may_be_kept(scope: Scope, asked: Headers) -> bool:
     path = own_path(scope)
     is_file = any(one in path for one in FILES)
     is_streamed = b"limit=all" in scope["query_string"]  # sent piece by piece, which are made as they are taken
-    return not (path.startswith(NEVER) or is_file or is_streamed or "authorization" in asked or "range" in asked)
+    return not (path.startswith(NEVER) or is_file or is_streamed or "authorization" in asked)
 
 
 def _key(scope: Scope, asked: Headers) -> tuple[str, ...]:
@@ -126,11 +127,3 @@ def _key(scope: Scope, asked: Headers) -> tuple[str, ...]:
         asked.get("accept", ""),
         "gzip" if "gzip" in asked.get("accept-encoding", "") else "",
     )
-
-
-async def _answer(kept: _Kept, asked: Headers, send: Send) -> None:
-    headers, status, body = MutableHeaders(raw=[*kept.headers]), 200, kept.body
-    if has_entity(asked, headers["etag"], headers.get("last-modified")):
-        headers, status, body = not_modified_headers(headers), 304, b""
-    await send({"type": "http.response.start", "status": status, "headers": headers.raw})
-    await send({"type": "http.response.body", "body": body})

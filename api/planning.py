@@ -54,8 +54,9 @@ class PlanningQuery(Parameters):
         return parse_day(self.day, "day") if self.day else datetime.now(UTC).date()
 
     def query(self) -> str:
-        """Query of the address of this prediction, which does not change with the day on which it is asked."""
-        asked = {**self.model_dump(exclude_defaults=True), "day": self.on.isoformat()}
+        """Query of the address of this prediction alone, which does not change with the day on which it is asked."""
+        asked = self.model_dump(include=set(PlanningQuery.model_fields), exclude_defaults=True)
+        asked["day"] = self.on.isoformat()
         return urlencode(asked, doseq=True)
 
     def prediction(self) -> Prediction:

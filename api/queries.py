@@ -100,10 +100,8 @@ class Parameters(BaseModel):
 OriginText = Literal["archive", "event", "submission", "user", "simulated", "test", "all"]
 OriginAsked = Annotated[
     OriginText | None,
-    BeforeValidator(lambda value: None if value == "" else value),
-    Field(
-        description="Origin of the data, or `all`; without it everything but simulated and test data.",
-    ),
+    EMPTY_IS_NONE,
+    Field(description="Origin of the data, or `all`; without it everything but simulated and test data."),
 ]
 
 

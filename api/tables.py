@@ -114,7 +114,7 @@ class DetectionTableFilter(DetectionFilter):
 class EventTableFilter(EventFilter):
     """Which published events are asked for, and in which format."""
 
-    format: str | None = FORMAT
+    format: FormatName = FORMAT
 
 
 class TableChoice(SolutionChoice):

@@ -42,7 +42,7 @@ ALONE_S = (20 * 60.0, 30 * 60.0)
 
 @dataclass
 class Received:
-    """A burst as one spacecraft hears it."""
+    """A burst as one spacecraft receives it."""
 
     start_s: float
     channels: int
@@ -104,7 +104,7 @@ def without(spectrum: xr.Dataset) -> xr.Dataset:
 
 
 def received(burst: SimulatedBurst, observatory: str, midnight: np.datetime64) -> Received:
-    """When and how widely a spacecraft hears a burst."""
+    """When and how widely a spacecraft receives a burst."""
     seen = contrast_at(burst, FREQUENCY_MHZ, observatory) >= LEAST_CONTRAST
     released_s = (burst.release_utc - midnight) / np.timedelta64(1, "s")
     if not seen.any():
@@ -115,7 +115,7 @@ def received(burst: SimulatedBurst, observatory: str, midnight: np.datetime64) -
 
 
 def truths(sky: Sky, observatory: str) -> list[Received]:
-    """Every burst of a day as a spacecraft hears it."""
+    """Every burst of a day as a spacecraft receives it."""
     midnight = np.datetime64(sky.day, "ns")
     bursts = [received(burst, observatory, midnight) for burst in sky.bursts]
     storm = [received(burst, observatory, midnight) for burst in sky.storm]

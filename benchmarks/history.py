@@ -4,7 +4,7 @@ import csv
 import re
 import subprocess
 from collections.abc import Iterable, Sequence
-from dataclasses import astuple, dataclass, fields
+from dataclasses import asdict, dataclass, fields
 from datetime import UTC, date, datetime
 from pathlib import Path
 
@@ -95,20 +95,17 @@ def append(found: Iterable[Figure], file: Path = FILE) -> None:
         writer = csv.writer(text, lineterminator="\n")
         if is_new:
             writer.writerow([one.name for one in fields(Figure)])
-        writer.writerows((*astuple(one)[:1], f"{one.value:.4g}", *astuple(one)[2:]) for one in found)
+        writer.writerows((asdict(one) | {"value": f"{one.value:.4g}"}).values() for one in found)
 
 
-def slower(known: Iterable[Figure], new: Iterable[Figure]) -> list[str]:
+def slower(known: Iterable[Figure], new: Sequence[Figure]) -> list[str]:
     """Lines about times that are longer than when they were measured last, at another commit."""
-    before = {(one.figure, one.commit): one for one in known}
-    last: dict[str, list[Figure]] = {}
-    for one in before.values():
-        last.setdefault(one.figure, []).append(one)
+    own = {one.commit for one in new}
+    last = {one.figure: one for one in known if one.commit not in own}
     lines = []
     for one in new:
-        earlier = [old for old in last.get(one.figure, []) if old.commit != one.commit]
-        if one.unit == "s" and earlier and one.value > SLOWER * earlier[-1].value:
-            old = earlier[-1]
+        old = last.get(one.figure)
+        if one.unit == "s" and old and one.value > SLOWER * old.value:
             times = one.value / old.value
             lines.append(f"{one.figure}: {times:.1f} times slower than {old.version} ({old.commit}, {old.day})")
     return lines
@@ -138,9 +135,9 @@ def commit_here() -> str:
     return subprocess.run(command, check=True, capture_output=True, text=True).stdout.strip()
 
 
-def note(rows: Iterable[Row]) -> list[str]:
+def note(rows: Iterable[Row], file: Path = FILE, plot: Path = PLOT) -> list[str]:
     """Add the rows of a table to the history, draw it, and say what became slower."""
-    new, known = figures_of(rows, commit_here()), read()
-    append(new)
-    draw([*known, *new])
+    new, known = figures_of(rows, commit_here()), read(file)
+    append(new, file)
+    draw([*known, *new], plot)
     return slower(known, new)

@@ -9,7 +9,7 @@ import pytest
 
 from bella.exceptions import InputError
 from benchmarks import history
-from benchmarks.history import FILE, Figure, append, draw, figures_of, read, slower
+from benchmarks.history import FILE, Figure, append, figures_of, read, slower
 
 DAY = date(2026, 11, 29)
 TIME = Figure("a track", 0.5, "s", "0.2.0", "a" * 10, DAY)
@@ -47,6 +47,8 @@ def test_a_slower_release_is_seen_and_nothing_else() -> None:
     assert slower(known, [replace(now, value=0.6), replace(now, figure="new", value=9.0)]) == []
     assert slower([replace(TIME, unit="")], [replace(now, unit="", value=9.0)]) == []
     assert slower([replace(now, value=0.1)], [now]) == [], "the same commit, measured again"
+    again = replace(known[0], value=0.6)
+    assert slower([*known, again], [replace(now, value=0.7)]) == [], "an earlier commit that was measured last"
 
 
 @pytest.mark.parametrize(
@@ -76,13 +78,9 @@ def test_the_table_is_noted_and_drawn(tmp_path: Path, monkeypatch: pytest.Monkey
     file = tmp_path / "history.csv"
     shutil.copy(FILE, file)
     known = read(file)
-    one = next(figure for figure in known if figure.unit == "s")
-    monkeypatch.setattr(history, "FILE", file)
+    one = next(figure for figure in reversed(known) if figure.unit == "s")
     monkeypatch.setattr(history, "commit_here", lambda: "c" * 10)
-    monkeypatch.setattr(history, "read", lambda: known)
-    monkeypatch.setattr(history, "append", lambda new: append(new, file))
-    monkeypatch.setattr(history, "draw", lambda found: draw(found, tmp_path / "plot.svg"))
-    (line,) = history.note([(one.figure, f"{10 * one.value} s", "")])
+    (line,) = history.note([(one.figure, f"{10 * one.value} s", "")], file, tmp_path / "plot.svg")
     assert line.startswith(f"{one.figure}: 10.0 times slower than {one.version}")
     assert len(read(file)) == len(known) + 1
     assert one.figure in (tmp_path / "plot.svg").read_text()

@@ -49,7 +49,7 @@ class ShownBurst:
     burst_id: str
     reason: str
     has_page: bool
-    heard: tuple[Detection, ...]
+    received: tuple[Detection, ...]
 
 
 @router.get("/days")
@@ -157,7 +157,7 @@ def day_page(request: Request, day: str, service: ServiceHere, catalogue: Catalo
         bursts=bursts[part * BURSTS_PER_PART : (part + 1) * BURSTS_PER_PART],
         total=len(bursts),
         part=part,
-        parts_of_day=[bursts[BURSTS_PER_PART * one].heard[0].start_utc for one in range(parts)],
+        parts_of_day=[bursts[BURSTS_PER_PART * one].received[0].start_utc for one in range(parts)],
         rejected=rejected[:BURSTS_PER_PART],
         rejected_total=len(rejected),
         before=before,
@@ -225,10 +225,10 @@ def _with_page(catalogue: Catalogue, day: date) -> frozenset[str]:
 
 def _shown_bursts(found: Sequence[Detection], with_page: frozenset[str]) -> list[ShownBurst]:
     """Bursts of the detections of a day, by their first onset; what was not compared stands alone."""
-    heard: dict[str, list[Detection]] = {}
+    received: dict[str, list[Detection]] = {}
     for number, one in enumerate(found):
         if one.tier != REJECTED:
-            heard.setdefault(one.burst_id or f"{number}", []).append(one)
+            received.setdefault(one.burst_id or f"{number}", []).append(one)
     return [
         ShownBurst(
             some[0].burst_id,
@@ -236,5 +236,5 @@ def _shown_bursts(found: Sequence[Detection], with_page: frozenset[str]) -> list
             some[0].burst_id in with_page,
             tuple(some),
         )
-        for some in heard.values()
+        for some in received.values()
     ]

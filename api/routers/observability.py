@@ -25,10 +25,6 @@ class PlanningView(PlanningQuery):
 
     theme: Theme = Field(THEME, description="Colours for a light or for a dark ground.")
 
-    def query(self) -> str:
-        """Query of the prediction alone."""
-        return PlanningQuery(**self.model_dump(exclude={"theme"})).query()
-
 
 class ObservabilityReply(Reply):
     """Receivers with data in the hour of a time, and how well they locate."""

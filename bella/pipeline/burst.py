@@ -387,14 +387,14 @@ def circle_dataset(joint: JointTrack, burst_id: str, edge: str) -> xr.Dataset:
     )
 
 
-def preliminary_level(catalogue: Catalogue, burst_id: str, track: Track | None) -> PreliminaryLevel | None:
+def preliminary_level(catalogue: Catalogue, burst_id: str, track: Track) -> PreliminaryLevel | None:
     """Where a final longitude is in the preliminary posterior of the same burst.
 
     Parameters
     ----------
     catalogue : Catalogue
     burst_id : str
-    track : Track or None
+    track : Track
         The final one.
 
     Returns
@@ -402,7 +402,7 @@ def preliminary_level(catalogue: Catalogue, burst_id: str, track: Track | None) 
     PreliminaryLevel or None
         None where there was no preliminary track, or the final one has no longitude.
     """
-    longitude = track.joint.phi0_deg.q50 if track else None
+    longitude = track.joint.phi0_deg.q50
     earlier = [one for one in _versions(catalogue, burst_id) if one.answer.tier == PRELIMINARY]
     if longitude is None or not earlier:
         return None

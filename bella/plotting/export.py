@@ -6,6 +6,8 @@ A file has plain colours in place of the variables of the pages, so that every p
 import os
 import re
 import tempfile
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import cache
 from html import escape
@@ -122,16 +124,30 @@ def write_figure(path: Path, drawn: str, caption: Caption) -> None:
 
 
 def write_whole(path: Path, text: str) -> None:
-    """Write a text beside the target, then rename: the file appears whole or not at all."""
+    """Write a text; see :func:`whole_file`."""
+    with whole_file(path) as staged:
+        staged.write_text(text, encoding="utf-8")
+
+
+@contextmanager
+def whole_file(path: Path) -> Iterator[Path]:
+    """Name beside a file, to write under; it is renamed at the end, so that the file appears whole or not at all.
+
+    Parameters
+    ----------
+    path : Path
+        Its folder is made when it does not exist.
+    """
     path.parent.mkdir(parents=True, exist_ok=True)
     handle, name = tempfile.mkstemp(suffix=path.suffix, prefix=f".{path.stem}-", dir=path.parent)
+    os.close(handle)
+    staged = Path(name)
     try:
-        with os.fdopen(handle, "w", encoding="utf-8") as file:
-            file.write(text)
-        Path(name).chmod(0o644)
-        Path(name).replace(path)
+        yield staged
+        staged.chmod(0o644)
+        staged.replace(path)
     finally:
-        Path(name).unlink(missing_ok=True)
+        staged.unlink(missing_ok=True)
 
 
 @cache

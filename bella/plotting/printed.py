@@ -1,7 +1,5 @@
 """What the PNG figures share: how they are written, and what tables must have before they are drawn."""
 
-import os
-import tempfile
 from collections.abc import Iterable
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -11,6 +9,7 @@ import numpy.typing as npt
 import pandas as pd
 
 from bella.exceptions import InputError
+from bella.plotting.export import whole_file
 from bella.units import FloatArray
 
 if TYPE_CHECKING:
@@ -84,7 +83,7 @@ def is_flagged(arrivals: pd.DataFrame) -> pd.Series:
 
 
 def save_png(figure: "Figure", path: Path, *, colours: int | None = None) -> None:
-    """Write a figure beside the target, then rename: the file appears whole or not at all.
+    """Write a figure; the file appears whole or not at all.
 
     Parameters
     ----------
@@ -94,16 +93,10 @@ def save_png(figure: "Figure", path: Path, *, colours: int | None = None) -> Non
     colours : int or None
         Keep this many colours only: line drawings become several times smaller.
     """
-    path.parent.mkdir(parents=True, exist_ok=True)
-    handle, name = tempfile.mkstemp(suffix=".png", prefix=f".{path.stem}-", dir=path.parent)
-    os.close(handle)
-    try:
-        figure.savefig(name, dpi=DOTS_PER_INCH, metadata={"Software": "BELLA service"})
+    with whole_file(path) as staged:
+        figure.savefig(staged, format="png", dpi=DOTS_PER_INCH, metadata={"Software": "BELLA service"})
         if colours is not None:
             from PIL import Image  # noqa: PLC0415
 
-            Image.open(name).convert("RGB").quantize(colours, dither=Image.Dither.NONE).save(name, optimize=True)
-        Path(name).chmod(0o644)
-        Path(name).replace(path)
-    finally:
-        Path(name).unlink(missing_ok=True)
+            fewer = Image.open(staged).convert("RGB").quantize(colours, dither=Image.Dither.NONE)
+            fewer.save(staged, "PNG", optimize=True)

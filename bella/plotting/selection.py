@@ -11,7 +11,7 @@ from datetime import UTC, date, datetime, timedelta
 import numpy as np
 
 from bella.plotting.svg import Scale, element, figure, line, number, path, words
-from bella.units import DAY_S
+from bella.units import DAY_S, within_half_turn_deg
 
 LONGITUDE_SIZE, WIND_SIZE, DISC_SIZE = (1240.0, 230.0), (720.0, 340.0), 360.0
 LEFT, RIGHT, TOP, BOTTOM = 48.0, 22.0, 12.0, 40.0
@@ -167,7 +167,7 @@ def _turned(estimate: Estimate | None) -> list[Estimate]:
     """A longitude within half a turn; twice where its interval goes across the far side."""
     if estimate is None:
         return []
-    middle = (estimate.value + 180.0) % 360.0 - 180.0
+    middle = within_half_turn_deg(estimate.value)
     turns = (middle - estimate.value + turn for turn in (0.0, -360.0, 360.0))
     moved = [Estimate(middle, estimate.low + turn, estimate.high + turn) for turn in turns]
     return [one for one in moved if one.low <= 180.0 and one.high >= -180.0]

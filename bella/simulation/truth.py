@@ -56,8 +56,8 @@ def burst_truth(burst: SimulatedBurst, observatories: Sequence[str]) -> dict[str
     -------
     dict
         The parameters, of which :func:`burst_of` makes the burst again; and at ``frequency_mhz`` the position of the
-        main component (``position_rsun``, HEE), and for each spacecraft under ``heard`` peak over background, time of
-        the half-rise of the true light curve, and time at which light alone would have arrived.
+        main component (``position_rsun``, HEE), and for each spacecraft under ``received`` peak over background, time
+        of the half-rise of the true light curve, and time at which light alone would have arrived.
     """
     # a hair inside the band, whose ends rounding may leave outside
     ends = (burst.f_low_mhz * (1 + 1e-9), burst.f_high_mhz * (1 - 1e-9))
@@ -69,7 +69,7 @@ def burst_truth(burst: SimulatedBurst, observatories: Sequence[str]) -> dict[str
         "frequency_mhz": frequency_mhz.tolist(),
         "source_range_rsun": np.linalg.norm(position, axis=1).tolist(),
         "position_rsun": position.tolist(),
-        "heard": {name: _received(burst, frequency_mhz, name) for name in observatories},
+        "received": {name: _received(burst, frequency_mhz, name) for name in observatories},
     }
 
 

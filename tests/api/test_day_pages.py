@@ -148,7 +148,7 @@ def test_an_installation_without_days_says_what_to_run(empty: Settings) -> None:
 
 def test_a_day_shows_bursts_with_why_they_were_not_placed(reader: TestClient) -> None:
     text = page(reader, "/days/2020-07-21")
-    groups = re.findall(r"<tbody.*?</tbody>", text[text.index('class="heard"') : text.index("<details>")])
+    groups = re.findall(r"<tbody.*?</tbody>", text[text.index('class="received"') : text.index("<details>")])
     assert len(groups) == 3
     assert f'href="/bursts/{PLACED}"' in groups[0]
     assert groups[0].count("<tr>") == 3

@@ -49,7 +49,6 @@ def test_a_kept_reply_is_of_one_question(client: TestClient) -> None:
         {"accept": "text/csv"},
         {"accept-encoding": "identity"},
         {"host": "elsewhere.example"},
-        {"x-forwarded-proto": "https"},
     ]
     for _ in range(2):
         replies = [client.get(f"{LIST}?limit=3", headers=one) for one in asked]
@@ -60,7 +59,18 @@ def test_a_kept_reply_is_of_one_question(client: TestClient) -> None:
         assert "content-encoding" in replies[0].headers
         assert "content-encoding" not in replies[2].headers
         assert replies[3].json()["next"].startswith("http://elsewhere.example/")
+        assert client.get(f"https://testserver{LIST}?limit=3").json()["next"].startswith("https://testserver/")
+        assert replies[0].json()["next"].startswith("http://testserver/")
     assert client.get(f"{LIST}?limit=3").json()["next"] != client.get(f"{LIST}?limit=2").json()["next"]
+
+
+def test_a_kept_reply_is_of_one_prefix(filled: Settings) -> None:
+    with TestClient(create_app(filled), client=("127.0.0.1", 1)) as reader:
+        for _ in range(2):
+            assert reader.get(LIST).json()["bursts"][0]["links"]["self"].startswith("/api/")
+            behind = reader.get(LIST, headers={"X-Forwarded-Prefix": "/bella"})
+            assert behind.json()["bursts"][0]["links"]["self"].startswith("/bella/api/")
+            assert reader.get(LIST, headers={"X-Forwarded-Prefix": "/api"}).status_code == 404
 
 
 @pytest.mark.parametrize("backend", ["sqlite", "postgresql"])
@@ -91,6 +101,20 @@ def test_errors_moments_and_what_needs_a_token_are_not_kept(client: TestClient, 
     statements.clear()
     client.get(LIST, headers={"Authorization": "Bearer x"})
     assert statements
+
+
+def test_what_is_not_kept_is_not_sent_to_who_has_it(
+    settings_with_figures: Settings, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(api.kept, "LARGEST_BYTES", 1)
+    with TestClient(create_app(settings_with_figures)) as reader:
+        solution = reader.get(BURST).json()["preferred_solution"]
+        for address in (LIST, f"{LIST}?limit=%61ll", f"/api/v1/solutions/{solution}/figures/polar-fit"):
+            first = reader.get(address)
+            assert (first.status_code, bool(first.content)) == (200, True)
+            known = reader.get(address, headers={"If-None-Match": first.headers["etag"]})
+            assert (known.status_code, known.content, known.headers["etag"]) == (304, b"", first.headers["etag"])
+            assert reader.get(address, headers={"If-None-Match": '"other"'}).content == first.content
 
 
 def test_kept_replies_grow_old_and_make_room(

@@ -223,7 +223,7 @@ def test_the_command_writes_the_truth_beside_the_files(tmp_path: Path) -> None:
     expected = sky_of(date(2021, 11, 20), 5).bursts
     assert [burst["phi0_deg"] for burst in day["bursts"]] == [burst.phi0_deg for burst in expected]
     assert (tmp_path / day["files"][0]).is_file()
-    received = day["bursts"][0]["heard"]["STEREO-A"]
+    received = day["bursts"][0]["received"]["STEREO-A"]
     arrived_s = arrival_s(expected[0], np.array(day["bursts"][0]["frequency_mhz"]), "STEREO-A")
     first = np.datetime64(received["half_rise_utc"][0].rstrip("Z"))
     assert (first - expected[0].release_utc) / np.timedelta64(1, "s") == pytest.approx(arrived_s[0], abs=2e-3)

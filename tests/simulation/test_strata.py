@@ -197,7 +197,7 @@ def test_the_truth_survives_json(stratum: str) -> None:
     assert (stored["phi0_deg"], stored["v_sw_km_s"]) == (burst.phi0_deg, burst.v_sw_km_s)
     assert PulseLaw(**stored["pulse"]) == burst.pulse
     half_rise, light = (
-        np.array([moment.rstrip("Z") for moment in stored["heard"]["WIND"][name]], dtype="datetime64[ns]")
+        np.array([moment.rstrip("Z") for moment in stored["received"]["WIND"][name]], dtype="datetime64[ns]")
         for name in ("half_rise_utc", "light_utc")
     )
     late_s = (half_rise - light) / np.timedelta64(1, "s")
