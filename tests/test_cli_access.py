@@ -110,7 +110,7 @@ def test_what_is_retracted_is_listed_only_when_asked_for(bella: Command, setting
     assert row["solutions"] == [solution.solution_id]
     again = fault_of(bella("catalogue", "retract", BURST_ID, "--reason", "again"))
     assert "was retracted on" in str(again)
-    assert (settings.store_root / solution.store_path).is_dir()
+    assert (settings.store_root / solution.store_path).is_file()
 
 
 def test_data_that_are_not_real_are_listed_only_when_asked_for(bella: Command, settings: Settings) -> None:
@@ -188,7 +188,7 @@ def test_pruning_takes_the_draws_of_superseded_solutions_alone(bella: Command, s
     assert after.attrs == before.attrs
     assert (after["arrival_s"] == before["arrival_s"]).all()
     assert not (settings.store_root / old.store_path).exists()
-    assert (settings.store_root / new.store_path).is_dir()
+    assert (settings.store_root / new.store_path).is_file()
 
 
 @pytest.mark.parametrize("text", ["", "180", "-1d", "1.5d", "for ever"])
