@@ -14,7 +14,7 @@ from bella.exceptions import StoreError
 
 STAGING = ".staging"
 SUFFIX, FOLDER = ".zarr.zip", ".zarr"
-"""How the name of a group ends; and how it did in versions before 0.4, when each was a folder of a hundred files."""
+"""How the name of a group ends; and how it did up to version 0.2, when each was a folder of a hundred files."""
 
 _COMPONENT = re.compile(r"[A-Za-z0-9_][A-Za-z0-9._-]*")
 
