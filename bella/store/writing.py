@@ -22,9 +22,10 @@ from bella.store.digest import content_lines, datasets_of, is_text, sha256_of_li
 from bella.store.layout import FOLDER, STAGING, SUFFIX, flush, flush_tree, inside
 from bella.store.reading import ROOT, open_group, read_everything
 
-# a chunk holds one parameter at one frequency, whose bytes are alike and pack well; a shard keeps them in one file
+# a chunk holds one parameter at one frequency, whose bytes are alike and pack well; a shard keeps them together
 _SHARDED = "draws"
-_SHUFFLED_ZSTD = {"cname": "zstd", "clevel": 9, "shuffle": "shuffle"}
+_SHUFFLED_ZSTD = {"cname": "zstd", "clevel": 5, "shuffle": "shuffle"}
+"""Level 9 takes 0.9 s of CPU for a solution in place of 0.3 s, and saves 3 per cent."""
 _ROUNDED = {"draws": "draw", "joint_draws": "joint_draw", "joint_range_rsun": "joint_draw"}
 """Variables whose last bits are noise, and the dimension along which they scatter."""
 _STEPS_PER_SD = 32
