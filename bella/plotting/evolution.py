@@ -236,8 +236,8 @@ def _spiral_panel(posterior: xr.Dataset, polar: PolarTrack, fits: Mapping[str, A
         yield element("circle", cx=x, cy=y, r=2.6, fill=colour, class_="place")
     for row, (kind, said, _) in enumerate(lines):
         y = upward.end + 12 + 15 * row
-        yield line(across.end - 240, y - 4, across.end - 216, y - 4, class_=_fit_class(kind, name))
-        yield words(said, across.end - 210, y, class_="tick halo")
+        yield line(across.end - 276, y - 4, across.end - 252, y - 4, class_=_fit_class(kind, name))
+        yield words(said, across.end - 246, y, class_="tick halo")
 
 
 def _fit_class(kind: str, edge: str) -> str:
