@@ -201,7 +201,8 @@ def shared_channels(
     channels, column = merged_channels(frequency_mhz[known], SAME_CHANNEL * step)
     if channels.size > 16 * values.shape[1]:
         raise InputError(f"{source}: {channels.size} frequencies in records of {values.shape[1]} channels")
-    spread = np.full((values.shape[0], channels.size), np.nan, dtype=values.dtype)
+    no_data = "NaT" if values.dtype.kind == "M" else np.nan
+    spread = np.full((values.shape[0], channels.size), no_data, dtype=values.dtype)
     row = np.broadcast_to(np.arange(values.shape[0])[:, None], values.shape)[known]
     has_value = np.isfinite(values[known])
     spread[row[has_value], column[has_value]] = values[known][has_value]

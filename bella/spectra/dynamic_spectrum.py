@@ -79,10 +79,20 @@ def validate_spectrum(spectrum: xr.Dataset, source: str) -> xr.Dataset:
     InputError
         If it has not; the message names what is wrong.
     """
-    complaint = _wrong_attribute(spectrum) or _wrong_axis(spectrum) or _wrong_variable(spectrum)
+    complaint = (
+        _wrong_attribute(spectrum) or without_intensity(spectrum) or _wrong_axis(spectrum) or _wrong_variable(spectrum)
+    )
     if complaint:
         raise InputError(f"{source} is not a dynamic spectrum: {complaint}")
     return spectrum
+
+
+def without_intensity(stored: xr.Dataset) -> str:
+    """What to do about a dataset without ``intensity``, which may have it under another name; empty with it."""
+    if "intensity" in stored.variables:
+        return ""
+    others = [str(name) for name, one in stored.data_vars.items() if one.ndim > 1 and one.dtype.kind in "iuf"]
+    return f"name its values 'intensity' (one of {', '.join(others)})" if others else "add the variable 'intensity'"
 
 
 def _wrong_attribute(spectrum: xr.Dataset) -> str:
@@ -129,8 +139,6 @@ def _wrong_order(time: npt.NDArray[np.datetime64], frequency: FloatArray) -> str
 
 
 def _wrong_variable(spectrum: xr.Dataset) -> str:
-    if "intensity" not in spectrum:
-        return "add the variable 'intensity'"
     if not np.issubdtype(spectrum["intensity"].dtype, np.floating):
         return f"variable 'intensity' is {spectrum['intensity'].dtype}: use float32, NaN where there are no data"
     expected = {"intensity": ("time", "frequency"), **OPTIONAL_DIMENSIONS}
