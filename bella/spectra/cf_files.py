@@ -24,6 +24,7 @@ from bella.spectra.assembly import ascending, cadence_s, dates_in, shared_channe
 from bella.spectra.beside import FLAGS, LONGEST_SWEEP_S
 from bella.spectra.dynamic_spectrum import (
     ATTRIBUTES,
+    LOWEST_VALUE,
     OPTIONAL_DIMENSIONS,
     POSITION,
     validate_spectrum,
@@ -46,9 +47,6 @@ HIGHEST_MHZ = 1000.0
 
 LOWEST_MHZ, IMPOSSIBLE_MHZ = 1e-3, 1e6
 """The highest channel of no receiver is below the one or above the other."""
-
-LOWEST_VALUE = -999.0
-"""Nothing that is measured, in any quantity, is as low: fill values are, such as -9999."""
 
 FIRST, LAST = np.datetime64("1950-01-01", "ns"), np.datetime64("2060-01-01", "ns")
 DAY = np.timedelta64(1, "D")

@@ -23,6 +23,9 @@ A dynamic spectrum is an :class:`xarray.Dataset` with dimensions ``time`` and ``
 Whatever is written in this form to netCDF or Zarr can be fed in, whichever instrument it comes from.
 """
 
+import re
+from typing import Any
+
 import numpy as np
 import numpy.typing as npt
 import xarray as xr
@@ -57,6 +60,45 @@ LONG_NAMES = {
     "flux_w_m2_hz": ("flux density", "W m-2 Hz-1"),
     "relative_flux": ("relative flux", "1"),
 }
+
+
+LOWEST_VALUE, HIGHEST_DB = -999.0, 9000.0
+"""Nothing that is measured, in any quantity, is as low or as high: fill values are, such as -9999."""
+
+SMALLEST = {"psd_v2_hz": 1e-22, "flux_w_m2_hz": 1e-26}
+"""What is below the noise of every receiver: a unit by which all values are is not theirs."""
+
+UNIT_FACTORS = {
+    "psd_v2_hz": {"mv2/hz": 1e-6, "uv2/hz": 1e-12, "nv2/hz": 1e-18},
+    "flux_w_m2_hz": {"sfu": 1e-22, "solarfluxunit": 1e-22, "solarfluxunits": 1e-22, "jy": 1e-26, "jansky": 1e-26},
+}
+"""From other units of a quantity to its own; as plain text without blanks and signs of powers."""
+
+
+def unit_factor(unit: str, quantity: str) -> float:
+    """Factor from a unit, as a file states it, to that of a quantity; 1 where it is that, or is not known."""
+    plain = re.sub(r"[\s^*{}()\[\]_.]", "", unit.lower().replace("µ", "u").replace("μ", "u"))
+    return UNIT_FACTORS.get(quantity, {}).get(plain.replace("hz-1", "/hz"), 1.0)
+
+
+def without_fill(intensity: npt.NDArray[Any], quantity: str) -> npt.NDArray[Any]:
+    """Intensity with NaN for what no receiver measures: fill values that no file states.
+
+    Parameters
+    ----------
+    intensity : numpy.ndarray
+        NaN where there are no data.
+    quantity : str
+        One of ``QUANTITIES``.
+
+    Returns
+    -------
+    numpy.ndarray
+        The same array where all can be, else a copy.
+    """
+    highest = HIGHEST_DB if quantity == "db_over_background" else np.inf
+    is_fill = (intensity <= LOWEST_VALUE) | (intensity > highest)
+    return np.where(is_fill, np.float32(np.nan), intensity) if is_fill.any() else intensity
 
 
 def validate_spectrum(spectrum: xr.Dataset, source: str) -> xr.Dataset:
