@@ -23,8 +23,7 @@ from bella.plotting import (
     residual_figure,
     spectra_figure,
 )
-from bella.plotting.constellation import View
-from bella.plotting.ecliptic import Frame
+from bella.plotting.constellation import Frame, View
 from bella.plotting.geometry import receiver_positions
 from bella.plotting.spectra import Clock
 from bella.records import Interval
