@@ -75,6 +75,7 @@ class Catalogue:
     def __init__(self, engine: Engine) -> None:
         self._engine = engine
         self._state = State(engine)
+        self._summaries = queries.KeptSummaries()
         self.name = display_name(engine.url)
         self.operation = Operation(engine)
         self.events = PublishedEvents(engine)
@@ -221,7 +222,7 @@ class Catalogue:
         InputError
             Where the cursor or the limit is not valid.
         """
-        return queries.bursts(self._engine, query or BurstQuery())
+        return queries.bursts(self._engine, query or BurstQuery(), self._summaries)
 
     def state_of(self, query: BurstQuery) -> str:
         """Digest of all that a query finds; see :func:`bella.catalogue.queries.state_of`."""
@@ -237,7 +238,7 @@ class Catalogue:
 
     def burst(self, burst_id: str) -> BurstSummary:
         """One burst with the newest version of each series; NoDataError where there is none of that id."""
-        return queries.burst(self._engine, burst_id)
+        return queries.burst(self._engine, burst_id, self._summaries)
 
     def versions(self, burst_id: str) -> tuple[Solution, ...]:
         """All solutions of a burst, superseded ones too, newer before older; NoDataError where there is no burst."""

@@ -1,11 +1,13 @@
 """Browsing bursts by what is said of them, page by page."""
 
 import hashlib
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from datetime import datetime
+from threading import Lock
 from typing import Any, Literal
 
-from sqlalchemy import ColumnElement, Connection, Engine, FromClause, func, or_, select
+from cachetools import LRUCache
+from sqlalchemy import ColumnElement, Connection, Engine, FromClause, RowMapping, func, or_, select
 
 from bella.catalogue.engine import reading
 from bella.catalogue.events import EventListRow
@@ -29,6 +31,9 @@ from bella.exceptions import InputError, NoDataError
 from bella.flags import REJECTED
 from bella.records import REAL_ORIGINS, Origin
 from bella.units import within_half_turn_deg
+
+MOST_SUMMARIES = 10_000
+"""That are kept in memory, of about 6 kB each."""
 
 HALF_TURN_DEG, TURN_DEG = 180.0, 360.0
 BURSTS, ANSWERS = table_of(BurstRow), table_of(SolutionRow).alias("answer")
@@ -64,7 +69,27 @@ _CHANGED: dict[Changed, tuple[ColumnElement[Any], ...]] = {
 _AS_STORED = ("burst_id", "start_utc", "end_utc", "f_low_mhz", "f_high_mhz", "spectra_path", "updated_utc")
 
 
-def bursts(engine: Engine, query: BurstQuery) -> BurstPage:
+class KeptSummaries:
+    """Summaries of bursts that were read before, each until something of it changes: `updated_utc` says when."""
+
+    def __init__(self) -> None:
+        self._kept = LRUCache[tuple[str, datetime], BurstSummary](MOST_SUMMARIES)
+        self._changing = Lock()
+
+    def of(self, connection: Connection, rows: Sequence[RowMapping]) -> tuple[BurstSummary, ...]:
+        """Summaries of these rows of bursts, in their order."""
+        keys = [(row["burst_id"], row["updated_utc"]) for row in rows]
+        with self._changing:
+            found = {key: self._kept[key] for key in keys if key in self._kept}
+        missing = {key: row for key, row in zip(keys, rows, strict=True) if key not in found}
+        read = dict(zip(missing, _summaries(connection, list(missing.values())), strict=True))
+        with self._changing:
+            self._kept.update(read)
+        known = found | read
+        return tuple(known[key] for key in keys)
+
+
+def bursts(engine: Engine, query: BurstQuery, kept: KeptSummaries) -> BurstPage:
     """One page of bursts.
 
     Parameters
@@ -73,6 +98,7 @@ def bursts(engine: Engine, query: BurstQuery) -> BurstPage:
         Engine of the catalogue.
     query : BurstQuery
         Filters, the order, the cursor of the page before, and the size of a page (1 to 1000).
+    kept : KeptSummaries
 
     Returns
     -------
@@ -93,7 +119,7 @@ def bursts(engine: Engine, query: BurstQuery) -> BurstPage:
     counted = select(func.count()).select_from(with_answers() if of_answers else BURSTS).where(*filters)
     with reading(engine) as connection:
         page = read_page(connection, query, found, order, counted)
-        return BurstPage(_summaries(connection, page.rows), page.next_cursor, page.total)
+        return BurstPage(kept.of(connection, page.rows), page.next_cursor, page.total)
 
 
 def held(engine: Engine) -> Held:
@@ -162,7 +188,7 @@ def with_answers() -> FromClause:
     return BURSTS.outerjoin(ANSWERS, ANSWERS.c.solution_id == BURSTS.c.answer_id)
 
 
-def burst(engine: Engine, burst_id: str) -> BurstSummary:
+def burst(engine: Engine, burst_id: str, kept: KeptSummaries) -> BurstSummary:
     """One burst with the newest version of each series.
 
     Raises
@@ -173,10 +199,14 @@ def burst(engine: Engine, burst_id: str) -> BurstSummary:
     table = table_of(BurstRow)
     with reading(engine) as connection:
         rows = connection.execute(select(table).where(table.c.burst_id == burst_id)).mappings().all()
-        summaries = _summaries(connection, rows)
+        summaries = kept.of(connection, rows)
     if not summaries:
-        raise NoDataError(f"there is no burst {burst_id}: ids are like T3-20120607-1929")
+        raise _no_burst(burst_id)
     return summaries[0]
+
+
+def _no_burst(burst_id: str) -> NoDataError:
+    return NoDataError(f"there is no burst {burst_id}: ids are like T3-20120607-1929")
 
 
 def versions(engine: Engine, burst_id: str) -> tuple[Solution, ...]:
@@ -187,9 +217,14 @@ def versions(engine: Engine, burst_id: str) -> tuple[Solution, ...]:
     NoDataError
         Where there is no such burst.
     """
-    burst(engine, burst_id)
     with reading(engine) as connection:
-        return solution_rows(connection, table_of(SolutionRow).c.burst_id == burst_id)
+        found = solution_rows(connection, table_of(SolutionRow).c.burst_id == burst_id)
+        if (
+            not found
+            and connection.execute(select(BURSTS.c.burst_id).where(BURSTS.c.burst_id == burst_id)).first() is None
+        ):
+            raise _no_burst(burst_id)
+        return found
 
 
 def burst_filters(query: BurstQuery) -> list[ColumnElement[bool]]:
@@ -254,7 +289,7 @@ def _longitudes(first: float | None, last: float | None) -> Iterator[ColumnEleme
     yield (column >= first) & (column <= last) if first <= last else or_(column >= first, column <= last)
 
 
-def _summaries(connection: Connection, rows: Any) -> tuple[BurstSummary, ...]:
+def _summaries(connection: Connection, rows: Sequence[RowMapping]) -> tuple[BurstSummary, ...]:
     """Bursts of a page with observatories and newest solutions, in a few queries however long it is."""
     if not rows:
         return ()
