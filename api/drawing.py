@@ -15,8 +15,7 @@ from bella.exceptions import InputError
 from bella.pipeline import page_figures
 from bella.pipeline.page_figures import Answered, FirstLook
 from bella.plotting import MapView, SpectraView
-from bella.plotting.constellation import View
-from bella.plotting.ecliptic import Frame
+from bella.plotting.constellation import Frame, View
 from bella.plotting.geometry import receiver_positions
 from bella.plotting.spectra import Clock
 from bella.spacecraft import position

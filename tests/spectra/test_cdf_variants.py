@@ -23,6 +23,7 @@ RECORDS, CHANNELS = 120, 24
 UTC = np.datetime64("2020-07-11T00:00:30", "ns") + np.arange(RECORDS) * 60 * SECOND
 RANDOM = np.random.default_rng(2020)
 EPOCHS = (31, 33)
+EPOCH16, REAL8 = 32, 45
 
 
 @dataclass(frozen=True)
@@ -57,6 +58,10 @@ def contents_of(path: Path) -> Contents:
 
 def write(path: Path, contents: Contents, **spec: Any) -> Path:
     path.unlink(missing_ok=True)
+    contents, as_pairs = {**contents}, [name for name, one in contents.items() if one.kind == EPOCH16 and not one.spec]
+    for name in as_pairs:
+        pairs = np.stack([contents[name].values.real, contents[name].values.imag], axis=1)
+        contents[name] = replace(contents[name], kind=REAL8, values=pairs, attributes={})
     file = CDF(str(path), cdf_spec={"Compressed": 0, **spec})
     file.write_globalattrs({"Logical_file_id": {0: path.stem}})
     for name, one in contents.items():
@@ -70,7 +75,21 @@ def write(path: Path, contents: Contents, **spec: Any) -> Path:
         data = values if one.written is None else [one.written, values[one.written]]
         file.write_var(about, var_attrs=attributes, var_data=data)
     file.close()
+    for name in as_pairs:
+        call_epoch16(path, name)
     return path
+
+
+def call_epoch16(path: Path, name: str) -> None:
+    """Make the type of a variable, written as pairs of numbers, CDF_EPOCH16, which cdflib cannot write.
+
+    Places are those of a zVDR (CDF Internal Format Description, 2.6): type, no pad value, no dimensions.
+    """
+    content = bytearray(path.read_bytes())
+    place = content.index(name.encode().ljust(256, b"\0"))
+    for offset, value in ((-64, EPOCH16), (-40, 1), (256, 0)):
+        struct.pack_into(">i", content, place + offset, value)
+    path.write_bytes(content)
 
 
 def changed(contents: Contents, like: Callable[[str, Stored], bool], how: Callable[[Stored], Stored]) -> Contents:
@@ -138,6 +157,27 @@ def as_cdf_epoch(contents: Contents) -> Contents:
     return changed(contents, is_epoch, convert)
 
 
+def as_cdf_epoch16(contents: Contents) -> Contents:
+    """Seconds and picoseconds, which cdflib reads and writes as complex numbers."""
+
+    def convert(one: Stored) -> Stored:
+        utc = cdflib.cdfepoch.to_datetime(one.values).astype("datetime64[ns]")
+        second = utc.astype("datetime64[s]")
+        seconds = af.cdf_epoch(second.astype("datetime64[ns]")) / 1e3
+        picoseconds = (utc - second).astype(np.int64) * 1e3
+        return replace(one, kind=EPOCH16, values=seconds + 1j * picoseconds, attributes={"FILLVAL": -1e31 - 1e31j})
+
+    return changed(contents, is_epoch, convert)
+
+
+def as_cdflib_writes_epoch16(contents: Contents) -> Contents:
+    """Two records of each time, one of seconds and one of picoseconds."""
+    return {
+        name: replace(one, spec={"Dim_Sizes": []}) if one.kind == EPOCH16 else one
+        for name, one in as_cdf_epoch16(contents).items()
+    }
+
+
 def renamed_epoch(contents: Contents) -> Contents:
     """The epoch by another name, which only DEPEND_0 states, or nothing does."""
     return {("Time_Tags" if name == "Epoch" else name): one for name, one in contents.items()}
@@ -175,6 +215,8 @@ SAME: dict[str, Callable[[Contents], Contents]] = {
     "shuffled": ordered(RANDOM.permutation(RECORDS)),
     "twins": twins,
     "CDF_EPOCH": as_cdf_epoch,
+    "CDF_EPOCH16": as_cdf_epoch16,
+    "CDF_EPOCH16 of cdflib": as_cdflib_writes_epoch16,
     "epoch renamed": renamed_epoch,
     "lower case": lambda contents: {name.lower(): one for name, one in contents.items()},
     "blanks": lambda contents: {f"{name} ": one for name, one in contents.items()},
@@ -341,6 +383,25 @@ def test_one_record_whose_clock_jumped_is_left_out(tmp_path: Path, name: str, ho
     read, *_ = open_spectra(write(path, changed(contents, is_epoch, jump)))
 
     np.testing.assert_allclose((read["time"] - np.delete(expected["time"].to_numpy(), 60)) / SECOND, 0.0, atol=1e-3)
+
+
+@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize("write_as", [as_cdf_epoch16, as_cdflib_writes_epoch16])
+def test_records_with_a_fill_value_of_epoch16_are_left_out(
+    tmp_path: Path, name: str, write_as: Callable[[Contents], Contents]
+) -> None:
+    path = original(tmp_path, name)
+    (expected, *_), contents = open_spectra(path), write_as(contents_of(path))
+
+    def filled(one: Stored) -> Stored:
+        values = one.values.copy()
+        values[60] = -1e31 - 1e31j
+        return replace(one, values=values)
+
+    changed_epoch = changed(contents, lambda _, one: one.kind == EPOCH16, filled)
+    read, *_ = open_spectra(write(path, changed_epoch))
+
+    np.testing.assert_array_equal(read["time"], np.delete(expected["time"].to_numpy(), 60))
 
 
 # flags, sample times, positions

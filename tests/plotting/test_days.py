@@ -14,7 +14,7 @@ from PIL import Image
 
 from bella.exceptions import InputError, NoDataError
 from bella.plotting import day_figure
-from bella.plotting.fleet import BOX_COLUMNS
+from bella.plotting.days import BOX_COLUMNS
 from bella.spectra import over_background
 from tests.plotting.reading import SVG, of_class, parsed, texts
 
