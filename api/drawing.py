@@ -189,8 +189,8 @@ class Looked:
         burst = self.summary.burst
         utc = np.datetime64(burst.start_utc.replace(tzinfo=None), "ns")
         group = self.answer.posterior if self.answer else None
-        where = receiver_positions(group) if group is not None and "receiver_rsun" in group else {}
-        where = where or page_figures.places_of(burst.observatories, utc)
+        measured = receiver_positions(group) if group is not None and "receiver_rsun" in group else {}
+        where = measured or page_figures.places_of(burst.observatories, utc)
         to_earth = float(np.linalg.norm(position("EARTH", utc)[0])) if self.view.clock == "earth" else 0.0
         return {name: (to_earth - float(np.linalg.norm(one))) / C_RSUN_S for name, one in where.items()}
 

@@ -5,6 +5,7 @@ import math
 import zlib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
@@ -174,7 +175,8 @@ def kept_first_look(path: Path) -> FirstLook | None:
         return None
 
 
-def places_of(names: Sequence[str], utc: np.datetime64) -> dict[str, FloatArray]:
+@lru_cache(maxsize=10_000)
+def places_of(names: tuple[str, ...], utc: np.datetime64) -> Mapping[str, FloatArray]:
     """Where those spacecraft were whose positions are known, HEE."""
     found = {}
     for name in names:

@@ -11,6 +11,7 @@ from hypothesis import strategies as st
 from sqlalchemy import Connection, event
 
 from bella.catalogue import BurstQuery, Catalogue, ListRead, SearchedDay, Series, queries
+from bella.catalogue.kept import Kept
 from bella.exceptions import InputError
 from tests.catalogue.examples import SERIES, START, burst, fitted, localisation, publication
 
@@ -419,9 +420,8 @@ def test_bursts_that_are_kept_are_not_read_again(three: Catalogue) -> None:
     assert 1 < len(statements) <= 6
 
 
-def test_bursts_beyond_the_most_make_room(catalogue: Catalogue, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(queries, "MOST_SUMMARIES", 2)
-    kept = queries.KeptSummaries()
+def test_bursts_beyond_the_most_make_room(catalogue: Catalogue) -> None:
+    kept: queries.Summaries = Kept(2)
     for name in "ABC":
         catalogue.publish(publication(of=burst(name)))
     for _ in range(2):
