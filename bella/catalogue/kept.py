@@ -20,7 +20,7 @@ class Kept(Generic[Key, Item]):
     """
 
     def __init__(self, most: int) -> None:
-        self._kept = LRUCache[Key, Item](most)
+        self._kept: LRUCache = LRUCache(most)
         self._changing = Lock()
 
     def of(self, wanted: Mapping[Key, Row], read: Callable[[list[Row]], Iterable[Item]]) -> dict[Key, Item]:
