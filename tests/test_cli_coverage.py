@@ -171,6 +171,7 @@ BAD_TABLES = {
     "missing column": ("observatory,x_rsun,y_rsun", ["A,1,2"], "column z_rsun is missing"),
     "NaN": (None, [*ROWS, "D,nan,0,0"], "row 4, column x_rsun: 'nan' is not a number"),
     "empty": (None, [*ROWS, "D,1,,0"], "row 4, column y_rsun: '' is not a number"),
+    "nameless": (None, [*ROWS, ",1,0,0"], "row 4, column observatory: '' is empty; every row needs a name"),
     "word": (None, [*ROWS, "D,1,0,up"], "row 4, column z_rsun: 'up' is not a number"),
     "twice": (None, [*ROWS, "B,1,0,0"], "row 4, column observatory: 'B' occurs twice"),
     "no name": (None, [*ROWS, " ,1,0,0"], "row 4, column observatory: '' is empty"),

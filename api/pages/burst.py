@@ -12,6 +12,7 @@ from api.calibration import calibration_of
 from api.drawing import BurstView, Looked
 from api.freshness import file_tag, tag_of
 from api.links import linked, site_url
+from api.pages.days import place_of
 from api.pages.track import track_page
 from api.queries import CHOICES
 from api.rendering import render, series_query, written_interval
@@ -163,7 +164,7 @@ def _downloads(
 
 
 def _day_page(catalogue: Catalogue, burst: Burst) -> str | None:
-    """Address of the page of the day of a burst; None where that was not searched in data of its origin."""
+    """Address of a burst on the page of its day; None where that was not searched in data of its origin."""
     day, origins = burst.start_utc.date(), tuple(origins_beside(burst.origin))
     known = catalogue.searched_day(day, REAL_ORIGINS if burst.origin in REAL_ORIGINS else origins)
-    return day_links(day, known.origin)["page"] if known else None
+    return place_of(day_links(day, known.origin)["page"], burst.burst_id) if known else None

@@ -48,6 +48,9 @@ NUMBERS = {
     "frequency": "Frequency (MHz)",
     "area": "68 % area (R☉²)",
 }
+FURTHER = ("observatory", "without_flag", "origin", *(f"{name}_{end}" for name in NUMBERS for end in ("min", "max")))
+"""Names of the query that are below the first line of the form."""
+
 FARTHEST = 1.3
 """Of the answer: positions farther out are of channels that say nothing."""
 
@@ -85,7 +88,7 @@ def list_page(request: Request, catalogue: CatalogueHere) -> HTMLResponse:
         recent=_recent(),
         sorts=SORTS,
         numbers=NUMBERS,
-        more=any(asked.get(f"{name}_{end}") for name in NUMBERS for end in ("min", "max")),
+        more=any(asked.get(name) for name in FURTHER),
         harmless=HARMLESS_FLAGS,
         grades=GRADES,
         base_url=str(request.base_url).rstrip("/"),

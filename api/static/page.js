@@ -46,6 +46,13 @@ document.addEventListener("submit", (event) => {
   if (form) event.preventDefault();
 });
 
+// An address has no names without a value.
+for (const form of document.querySelectorAll("form.filter")) {
+  form.addEventListener("formdata", ({ formData }) => {
+    for (const [name, value] of [...formData]) if (!value) formData.delete(name);
+  });
+}
+
 // The slider draws the regions of its channel; the numbers come with them.
 const channels = () => (document.getElementById("channels")?.textContent ?? "").split(",").filter(Boolean).map(Number);
 

@@ -51,6 +51,9 @@ MHZ |= {"hertz": 1e-6, "kilohertz": 1e-3, "megahertz": 1.0, "gigahertz": 1e3}
 TOO_LOW, TOO_HIGH = 100.0, 300.0
 """Units differ by factors of 1000, and the bands that are read of a receiver by less than these."""
 
+NOT_STATED = 3.0
+"""A unit that the file does not state is taken if the band does not end higher by more than this."""
+
 
 class CdfFile:
     """An open CDF, by what its variables mean.
@@ -155,7 +158,15 @@ class CdfFile:
             if isinstance(fill, int | float) and np.isfinite(fill):
                 part[origin[begin : begin + step] == np.asarray(fill).astype(stored.dtype)] = np.nan
             part[np.abs(part) >= LARGEST_NUMBER] = np.nan
-        return values
+        return values if stored.dtype.kind == "f" else self._scaled(variable, values)
+
+    def _scaled(self, variable: str, values: NumberArray) -> NumberArray:
+        """Whole numbers as what they stand for, where the file says how (conventions of CF)."""
+        factor, shift = (
+            self._ask("attribute", one, self.stored_name(variable)) for one in ("SCALE_FACTOR", "ADD_OFFSET")
+        )
+        values = values * factor if isinstance(factor, int | float) else values
+        return values + shift if isinstance(shift, int | float) else values
 
     def is_epoch(self, variable: str) -> bool:
         """Whether a variable has times."""
@@ -233,6 +244,8 @@ class CdfFile:
         if values.ndim == 2 and len(values) and ((values == values[0]) | np.isnan(values)).all():
             values = values[0] if np.isfinite(values[0]).any() else np.fmax.reduce(values)
         stated = re.sub(r"[^a-z]", "", self.attribute("UNITS", variable).lower()) or unit.lower()
+        if stated.startswith("log"):
+            raise InputError(f"{self.name}: variable {variable!r} holds logarithms: take another version of the file")
         if highest_mhz is None:
             if stated not in MHZ:
                 raise InputError(f"{self.name}: variable {variable!r} is in {stated!r}, not in Hz, kHz or MHz")
@@ -310,7 +323,7 @@ def in_mhz(values: npt.NDArray[Any], unit: str, highest_mhz: float, what: str) -
     """
     highest = float(np.nanmax(values, initial=0.0))
     for one in ([unit] if unit in MHZ else []) + ["hz", "khz", "mhz"]:
-        if highest_mhz / TOO_LOW < highest * MHZ[one] < highest_mhz * TOO_HIGH:
+        if highest_mhz / TOO_LOW < highest * MHZ[one] < highest_mhz * (TOO_HIGH if one == unit else NOT_STATED):
             return values.astype(np.float64) * MHZ[one]
     raise InputError(
         f"{what} reaches {highest:g}, which in no unit is near the {highest_mhz:g} MHz of this receiver: take another "

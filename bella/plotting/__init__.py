@@ -10,7 +10,15 @@ from typing import TYPE_CHECKING, Any
 
 from bella.exceptions import require_extra
 from bella.plotting.constellation import MapView, constellation_caption, constellation_figure, thumbnail
-from bella.plotting.days import DayMark, OnsetMark, calendar_figure, day_caption, day_figure, strips_figure
+from bella.plotting.days import (
+    DayMark,
+    OnsetMark,
+    calendar_caption,
+    calendar_figure,
+    day_caption,
+    day_figure,
+    strips_figure,
+)
 from bella.plotting.ecliptic import (
     WindScene,
     coverage_caption,
@@ -80,6 +88,7 @@ __all__ = [
     "Theme",
     "TrackView",
     "WindScene",
+    "calendar_caption",
     "calendar_figure",
     "calibration_caption",
     "calibration_figure",

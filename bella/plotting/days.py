@@ -104,6 +104,15 @@ def calendar_figure(days: Sequence[DayMark]) -> str:
     return figure("calendar", (STRIP_LEFT + 31 * CELL, height), "Calendar of searched days by answer.", *parts)
 
 
+def calendar_caption(first: date, last: date) -> str:
+    """What a calendar or the hours of days show, for a file of its own."""
+    return (
+        f"Searched days from {first} to {last}. Filled with a number: localised bursts; framed: bursts, none of them "
+        "localisable; empty: no burst; ?: archive silent; \N{MULTIPLICATION SIGN}: not searchable; \N{EM DASH}: no "
+        "data. By the hour: wide bars are localised bursts, narrow ones others."
+    )
+
+
 def _cell(one: DayMark, y: float) -> str:
     x = STRIP_LEFT + CELL * (one.day.day - 1)
     box = element("rect", x=x, y=y, width=CELL - 2, height=ROW - 3, rx=3, class_=f"cell {_class(one.answer)}")

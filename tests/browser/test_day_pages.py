@@ -37,7 +37,7 @@ def test_from_the_catalogue_to_a_day_to_a_burst_and_back(watch: Watch) -> None:
     page.locator("table.received").get_by_role("link", name=BURST_ID).click()
     page.get_by_role("link", name="2012-06-07").first.click()
     expect(page.locator(f"#{BURST_ID}")).to_be_in_viewport()
-    assert page.url.endswith(f"{DAY}#{BURST_ID}")
+    assert page.url.endswith(f"{DAY}?burst={BURST_ID}#{BURST_ID}")
 
 
 def test_the_searched_days_beside_it_are_one_click_away(watch: Watch) -> None:

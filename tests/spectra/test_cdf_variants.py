@@ -404,6 +404,129 @@ def test_records_with_a_fill_value_of_epoch16_are_left_out(
     np.testing.assert_array_equal(read["time"], np.delete(expected["time"].to_numpy(), 60))
 
 
+UNSTATED = [("wi_k0", 9999.0), ("wi_k0", 99999.0), *((name[:5], fill) for name in NAMES for fill in (-999.0, -9999.0))]
+
+
+@pytest.mark.parametrize(("product", "fill"), UNSTATED)
+def test_fill_values_that_no_file_states_are_no_data(tmp_path: Path, product: str, fill: float) -> None:
+    path = original(tmp_path, next(name for name in NAMES if name.startswith(product)))
+    contents = contents_of(path)
+
+    def filled(one: Stored) -> Stored:
+        values = one.values.copy()
+        values[40:50] = fill
+        return replace(one, values=values)
+
+    for one in open_spectra(write(path, changed(contents, is_intensity, filled))):
+        np.testing.assert_array_equal(
+            np.isnan(one["intensity"]).all("frequency"), (np.arange(RECORDS) >= 40) & (np.arange(RECORDS) < 50)
+        )
+        assert abs(one["time"].to_numpy()[0] - UTC[0]) < SECOND  # offsets of samples are filled, too
+
+
+@pytest.mark.parametrize("name", [NAMES[0], NAMES[2], NAMES[4], NAMES[5]])
+@pytest.mark.parametrize(
+    ("unit", "factor"), [("uV^2/Hz", 1e-12), ("nV**2 Hz-1", 1e-18), ("sfu", 1e-22), ("[Jy]", 1e-26)]
+)
+def test_intensity_is_converted_from_the_unit_that_is_stated(
+    tmp_path: Path, name: str, unit: str, factor: float
+) -> None:
+    path = original(tmp_path, name)
+    expected, contents = open_spectra(path), contents_of(path)
+    is_flux = expected[0].attrs["quantity"] == "flux_w_m2_hz"
+    by = factor if is_flux == (unit in {"sfu", "[Jy]"}) else 1.0
+
+    def convert(one: Stored) -> Stored:
+        return replace(one, values=one.values / np.float32(by), attributes=one.attributes | {"UNITS": unit})
+
+    contents = changed(contents, lambda key, one: is_intensity(key, one) and not key.startswith("ELAPSED"), convert)
+    for one, other in alike(open_spectra(write(path, contents)), expected):
+        np.testing.assert_allclose(one["intensity"], other["intensity"], rtol=1e-5)
+
+
+def test_a_unit_by_which_all_is_below_the_noise_is_not_theirs(tmp_path: Path) -> None:
+    path = original(tmp_path, NAMES[2])
+    expected, contents = open_spectra(path), contents_of(path)
+    contents = changed(contents, is_intensity, lambda one: replace(one, attributes=one.attributes | {"UNITS": "sfu"}))
+
+    for one, other in alike(open_spectra(write(path, contents)), expected):
+        np.testing.assert_array_equal(one["intensity"], other["intensity"])
+
+
+def test_whole_numbers_are_scaled_as_the_file_says(tmp_path: Path) -> None:
+    path = original(tmp_path, NAMES[1])
+    expected, contents = open_spectra(path), contents_of(path)
+
+    def packed(one: Stored) -> Stored:
+        attributes = {"SCALE_FACTOR": 0.01, "ADD_OFFSET": 3.0, "FILLVAL": -32768}
+        return replace(one, kind=2, values=np.rint((one.values - 3.0) * 100).astype("i2"), attributes=attributes)
+
+    for one, other in alike(open_spectra(write(path, changed(contents, is_intensity, packed))), expected):
+        np.testing.assert_allclose(one["intensity"], other["intensity"], atol=6e-3)
+
+
+@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize("count", [2, 9])
+def test_some_records_whose_clock_jumped_are_left_out(tmp_path: Path, name: str, count: int) -> None:
+    path = original(tmp_path, name)
+    (expected, *_), contents = open_spectra(path), as_cdf_epoch(contents_of(path))
+
+    def jump(one: Stored) -> Stored:
+        values = one.values.copy()
+        values[60 : 60 + count] += 9 * 3_600_000.0
+        return replace(one, values=values)
+
+    read, *_ = open_spectra(write(path, changed(contents, is_epoch, jump)))
+
+    kept = np.delete(expected["time"].to_numpy(), slice(60, 60 + count))
+    np.testing.assert_allclose((read["time"] - kept) / SECOND, 0.0, atol=1e-3)
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_a_clock_that_stands_still_is_refused(tmp_path: Path, name: str) -> None:
+    path = original(tmp_path, name)
+
+    def stand(one: Stored) -> Stored:
+        return replace(one, values=np.minimum(one.values, one.values[80]))
+
+    with pytest.raises(InputError, match="its clock stood still"):
+        open_spectra(write(path, changed(as_cdf_epoch(contents_of(path)), is_epoch, stand)))
+
+
+@pytest.mark.parametrize("lowest", [0.0, -1.0, np.nan])
+def test_a_channel_without_a_frequency_is_left_out(tmp_path: Path, lowest: float) -> None:
+    path = original(tmp_path, NAMES[2])
+    (expected,), contents = open_spectra(path), contents_of(path)
+    contents["FREQUENCY"].values[0] = lowest
+
+    (read,) = open_spectra(write(path, contents))
+
+    np.testing.assert_array_equal(read["frequency"], expected["frequency"][1:])
+    np.testing.assert_array_equal(read["intensity"], expected["intensity"][:, 1:])
+
+
+def test_logarithms_of_frequencies_are_refused(tmp_path: Path) -> None:
+    path = original(tmp_path, NAMES[2])
+    logarithms = changed(
+        contents_of(path),
+        is_frequency,
+        lambda one: replace(one, values=np.log10(one.values), attributes={"UNITS": "log10(Hz)"}),
+    )
+
+    with pytest.raises(InputError, match="holds logarithms"):
+        open_spectra(write(path, logarithms))
+
+
+def test_gzip_in_parts(tmp_path: Path) -> None:
+    path = original(tmp_path, NAMES[2])
+    (expected,), content = open_spectra(path), path.read_bytes()
+    path.write_bytes(gzip.compress(content[:3000]) + gzip.compress(content[3000:]))
+
+    (read,) = open_spectra(path)
+
+    assert read.identical(expected)
+
+
 # flags, sample times, positions
 
 FLAG = (RANDOM.random((RECORDS, 400)) < 0.2).astype(np.uint8)
