@@ -127,14 +127,10 @@ def _spectra(looked: Looked) -> tuple[Markup | None, str]:
 
 def _channel(looked: Looked) -> dict[str, Any]:
     """Channels of the answer that is shown, and the numbers of the one that is chosen."""
-    group = looked.posterior
-    if group is None:
-        return {"channels": [], "channel": 0, "numbers": None}
-    channels = sorted(float(one) for one in group["frequency"].to_numpy())
-    wanted = looked.view.frequency
-    if wanted is None:
+    channels, wanted = looked.channels(), looked.view.frequency
+    if wanted is None or not channels or looked.answer is None:
         return {"channels": channels, "channel": len(channels) // 2, "numbers": None}
-    found = selected_regions(group, wanted)
+    found = selected_regions(looked.answer.posterior, wanted)
     channel = min(range(len(channels)), key=lambda index: abs(channels[index] - found["frequency_mhz"]))
     distance = written_interval({"mean": found["range_rsun"], "sd": found["range_sd_rsun"]})
     longitude = written_interval({"mean": found["longitude_deg"], "sd": found["longitude_sd_deg"]})

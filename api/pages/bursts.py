@@ -13,7 +13,6 @@ from pydantic import ValidationError
 
 from api.addresses import burst_links
 from api.asking import asked_of, fault_words
-from api.drawing import places_of
 from api.queries import NEWEST_FIRST, BurstFilter
 from api.rendering import render
 from api.selection import sector_address, selection_of, selection_query
@@ -22,6 +21,7 @@ from bella.answer import GRADES
 from bella.catalogue import BurstPage, BurstQuery, BurstSummary, Catalogue
 from bella.exceptions import InputError, NoDataError
 from bella.flags import FLAGS, HARMLESS_FLAGS
+from bella.pipeline.page_figures import places_of
 from bella.plotting import thumbnail
 from bella.records import ALL_ORIGINS, REAL_ORIGINS, Origin
 from bella.spacecraft import OBSERVATORIES
