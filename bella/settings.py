@@ -174,6 +174,11 @@ class Settings(BaseSettings):
         """The same as a picture."""
         return self.solution_figure(burst_id, solution_id, name).with_suffix(".png")
 
+    def first_look(self, burst_id: str, solution_id: str, drawn_from: str) -> Path:
+        """File of what the page of a burst shows of a solution at first; `drawn_from` is a digest."""
+        series = solution_id.removeprefix(f"{burst_id}.")
+        return self.figures_root / burst_id / f"page-{series}-{drawn_from}.z"
+
     def day_figure(self, day: date, origin: Origin = Origin.ARCHIVE) -> Path:
         """File of the figure of a searched day in data of an origin, drawn again whenever it is searched again."""
         mark = "" if origin is Origin.ARCHIVE else f"-{origin}"

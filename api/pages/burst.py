@@ -12,6 +12,7 @@ from api.calibration import calibration_of
 from api.drawing import BurstView, Looked
 from api.freshness import file_tag, tag_of
 from api.links import linked, site_url
+from api.pages.days import place_of
 from api.pages.track import track_page
 from api.queries import CHOICES
 from api.rendering import render, series_query, written_interval
@@ -126,14 +127,10 @@ def _spectra(looked: Looked) -> tuple[Markup | None, str]:
 
 def _channel(looked: Looked) -> dict[str, Any]:
     """Channels of the answer that is shown, and the numbers of the one that is chosen."""
-    group = looked.posterior
-    if group is None:
-        return {"channels": [], "channel": 0, "numbers": None}
-    channels = sorted(float(one) for one in group["frequency"].to_numpy())
-    wanted = looked.view.frequency
-    if wanted is None:
+    channels, wanted = looked.channels(), looked.view.frequency
+    if wanted is None or not channels or looked.answer is None:
         return {"channels": channels, "channel": len(channels) // 2, "numbers": None}
-    found = selected_regions(group, wanted)
+    found = selected_regions(looked.answer.posterior, wanted)
     channel = min(range(len(channels)), key=lambda index: abs(channels[index] - found["frequency_mhz"]))
     distance = written_interval({"mean": found["range_rsun"], "sd": found["range_sd_rsun"]})
     longitude = written_interval({"mean": found["longitude_deg"], "sd": found["longitude_sd_deg"]})
@@ -167,7 +164,7 @@ def _downloads(
 
 
 def _day_page(catalogue: Catalogue, burst: Burst) -> str | None:
-    """Address of the page of the day of a burst; None where that was not searched in data of its origin."""
+    """Address of a burst on the page of its day; None where that was not searched in data of its origin."""
     day, origins = burst.start_utc.date(), tuple(origins_beside(burst.origin))
     known = catalogue.searched_day(day, REAL_ORIGINS if burst.origin in REAL_ORIGINS else origins)
-    return day_links(day, known.origin)["page"] if known else None
+    return place_of(day_links(day, known.origin)["page"], burst.burst_id) if known else None

@@ -5,7 +5,7 @@ published before is found and only drawn.
 """
 
 from collections.abc import Iterable, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from datetime import date
 from pathlib import Path
 from typing import Any
@@ -23,6 +23,7 @@ from bella.exceptions import BellaError, StoreError
 from bella.pipeline.day import day_spectra
 from bella.pipeline.day_files import DayFiles
 from bella.pipeline.inputs import BurstInput, origin_of
+from bella.pipeline.page_figures import Answered, first_look, first_look_path, keep_first_look
 from bella.pipeline.progress import counter
 from bella.pipeline.surroundings import Surroundings, has_wind, wind_drawn
 from bella.plotting import (
@@ -44,7 +45,7 @@ from bella.plotting import (
     write_whole,
 )
 from bella.settings import COLLAPSED_FIGURE, WIND_FIGURE, Settings
-from bella.store import open_group
+from bella.store import open_group, open_tree
 
 log = structlog.get_logger(__name__)
 
@@ -121,10 +122,32 @@ def _draw(given: BurstInput, solutions: Sequence[Drawn], settings: Settings, aro
         for path in collapsed_figures(given, solutions, settings):
             _keep(profile, Caption(shared_profile_caption(), said, warning), path)
             advance(1)
+    for one in complete(solutions):
+        _keep_page(given, one, settings)
+        advance(1)
     if given.spectra is not None:
         drawn = spectra_figure(given.spectra, given.channel_edges, SpectraView())
         write_figure(spectra_path(given, settings), drawn, Caption(spectra_caption("spacecraft"), said, warning))
         advance(1)
+
+
+def _keep_page(given: BurstInput, drawn: Drawn, settings: Settings) -> None:
+    """Keep what the page of a burst shows of a solution at first."""
+    solution, root = drawn.solution, settings.store_root
+    burst = replace(given.burst, spectra_path=solution.spectra_path)
+    answer = Answered(solution, open_group(root, solution.store_path), drawn.track)
+    tree = open_tree(root, solution.spectra_path) if solution.spectra_path else None
+    keep_first_look(page_path(given, drawn, settings), first_look(burst, answer, tree))
+
+
+def page_path(given: BurstInput, drawn: Drawn, settings: Settings) -> Path:
+    """File of what the page of a burst shows of a solution at first."""
+    return first_look_path(replace(given.burst, spectra_path=drawn.solution.spectra_path), drawn.solution, settings)
+
+
+def complete(solutions: Sequence[Drawn]) -> list[Drawn]:
+    """Solutions whose tracks nothing will be added to."""
+    return [one for one in solutions if not one.track.get("companions_pending")]
 
 
 def _keep(drawn: str, caption: Caption, path: Path) -> None:
@@ -139,6 +162,7 @@ def figure_paths(given: BurstInput, solutions: Sequence[Drawn], settings: Settin
     paths = [constellation(given, positions[0].solution, settings)] if positions else []
     paths += [wind_figure(one.solution, settings) for one in positions if has_wind(one.track)]
     paths += collapsed_figures(given, solutions, settings)
+    paths += [page_path(given, one, settings) for one in complete(solutions)]
     return [*paths, *([spectra_path(given, settings)] if given.spectra is not None else [])]
 
 

@@ -10,7 +10,16 @@ from typing import TYPE_CHECKING, Any
 
 from bella.exceptions import require_extra
 from bella.plotting.constellation import MapView, constellation_caption, constellation_figure, thumbnail
-from bella.plotting.days import DayMark, OnsetMark, calendar_figure, day_caption, day_figure, strips_figure
+from bella.plotting.days import (
+    DayMark,
+    OnsetMark,
+    calendar_caption,
+    calendar_figure,
+    day_caption,
+    day_figure,
+    strips_figure,
+    zoomed_day,
+)
 from bella.plotting.ecliptic import (
     WindScene,
     coverage_caption,
@@ -80,6 +89,7 @@ __all__ = [
     "Theme",
     "TrackView",
     "WindScene",
+    "calendar_caption",
     "calendar_figure",
     "calibration_caption",
     "calibration_figure",
@@ -125,6 +135,7 @@ __all__ = [
     "write_edge_figures",
     "write_figure",
     "write_whole",
+    "zoomed_day",
 ]
 
 

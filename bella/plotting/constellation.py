@@ -55,6 +55,9 @@ SPIRAL_POINTS = 48
 SCALE_ROOM = (215.0, 56.0)
 """Corner of the colours, with letters as large as on a phone."""
 
+CROWDED = 40.0
+"""A body this close to another has its name below."""
+
 BORDER = 15.0
 """Room between the border of the map and the labels of the longitudes along it."""
 
@@ -324,7 +327,7 @@ def bodies(chart: Map, receivers: Mapping[str, FloatArray], earth: FloatArray) -
         if 8 < x < SIZE[0] - 8 and 8 < y < SIZE[1] - 8:
             yield _marker(kind, x, y)
             side = -1.0 if x > SIZE[0] - 100 else 1.0
-            below = any(np.linalg.norm(place - one) < 40 for one in taken)
+            below = any(np.linalg.norm(place - one) < CROWDED for one in taken)
             anchor = "end" if side < 0 else "start"
             yield words(name, x + side * 10, y + (16 if below else -7), class_="craft-label", text_anchor=anchor)
             taken.append(place)
@@ -335,7 +338,9 @@ def bodies(chart: Map, receivers: Mapping[str, FloatArray], earth: FloatArray) -
             yield _triangle(x, y, f"away {kind}", f"rotate({90 - np.degrees(angle):.0f} {number(x)} {number(y)})")
             anchor = "end" if x > SIZE[0] - 120 else "start" if x < 120 else "middle"
             aside = {"end": -9, "start": 9, "middle": 0}[anchor]
-            yield words(name, x + aside, y + (18 if y < 60 else -8), class_="craft-label", text_anchor=anchor)
+            below = y < 60 or any(np.linalg.norm(end - one) < CROWDED for one in taken)
+            yield words(name, x + aside, y + (18 if below else -8), class_="craft-label", text_anchor=anchor)
+            taken.append(end)
 
 
 def _marker(kind: str, x: float, y: float) -> str:

@@ -66,12 +66,12 @@ def evolution_figure(posterior: xr.Dataset, track_fit: Mapping[str, Any]) -> str
     ]
     speed = Scale(0.0, min(1.2, max(0.3, 1.15 * max(speeds, default=0.3))), HEIGHT - BOTTOM, TOP)
     parts = [
-        *_axes(left, distance, DISTANCE_TICKS_RSUN, "Distance from the Sun (R\N{SUN})"),
+        *_axes(left, distance, DISTANCE_TICKS_RSUN, "Distance (R\N{SUN})"),
         *_models(left, distance),
         *_band(profile, "range_rsun", left, distance, name),
         *_errors(polar, left, distance, name),
         *_corrected(track_fit, left, distance),
-        *_axes(right, speed, SPEED_TICKS_C, "Speed of the beam (c)"),
+        *_axes(right, speed, SPEED_TICKS_C, "Beam speed (c)"),
         *_band(profile, "beam_speed_c", right, speed, name),
     ]
     if not speeds:
@@ -105,9 +105,10 @@ def residual_figure(posterior: xr.Dataset) -> str:
     upward = Scale(-reach, reach, HEIGHT - BOTTOM, TOP)
     parts = [*_axes(across, upward, upward.ticks(5), "Residual of the arrival time (s)")]
     parts.append(line(across.start, float(upward(0.0)), across.end, float(upward(0.0)), class_="axis"))
-    for index, name in enumerate(str(one) for one in posterior["observatory"].to_numpy()):
+    names = [str(one) for one in posterior["observatory"].to_numpy()]
+    for index, name in enumerate(names):
         places = np.column_stack([across(frequency), upward(residual[:, index])])
-        x = LEFT + 10 + 110 * index
+        x = LEFT + 10 + (across.end - across.start) / max(4, len(names)) * index
         parts += [element("g", *marks(places, index), class_=f"series s{index}")]
         parts += [element("g", *marks(np.array([[x, TOP + 10.0]]), index), class_=f"series s{index}")]
         parts.append(words(name, x + 9, TOP + 14, class_="tick"))
@@ -236,8 +237,8 @@ def _spiral_panel(posterior: xr.Dataset, polar: PolarTrack, fits: Mapping[str, A
         yield element("circle", cx=x, cy=y, r=2.6, fill=colour, class_="place")
     for row, (kind, said, _) in enumerate(lines):
         y = upward.end + 12 + 15 * row
-        yield line(across.end - 276, y - 4, across.end - 252, y - 4, class_=_fit_class(kind, name))
-        yield words(said, across.end - 246, y, class_="tick halo")
+        yield line(across.end - 276, y - 4, across.end - 252, y - 4, class_=f"{_fit_class(kind, name)} wide")
+        yield words(said, across.end - 246, y, class_="tick halo wide")
 
 
 def _fit_class(kind: str, edge: str) -> str:

@@ -83,7 +83,8 @@ def test_a_filter_that_cannot_be_read_stays_in_the_form(client: TestClient) -> N
 
 def test_burst_page_shows_the_other_answers_with_what_they_would_change(client: TestClient) -> None:
     text = page(client, f"/bursts/{BURST_ID}")
-    table = text[text.index('class="others"') : text.index("</table>", text.index('class="others"'))]
+    table = text[text.index('class="others stack"') :]
+    table = table[: table.index("</table>")]
     first, second = table.split("<tbody>")[1].split("</tr>")[:2]
     assert "Half-maximum, posterior, bella-2024" in first
     assert "<strong>13° W</strong>" in first
@@ -104,7 +105,7 @@ def test_a_link_with_a_version_shows_that_version(client: TestClient) -> None:
     assert "an older version" in page(client, f"/bursts/{BURST_ID}?{query}&version=1")
     newest = page(client, f"/bursts/{BURST_ID}?{query}&version=2")
     assert 'id="other-series"' not in newest
-    assert f'data-permanent="/bursts/{BURST_ID}?{query.replace("&", "&amp;")}&amp;version=2"' in newest
+    assert f'href="/bursts/{BURST_ID}?{query.replace("&", "&amp;")}&amp;version=2" id="copy-link"' in newest
     assert "no such series" in page(client, f"/bursts/{BURST_ID}?{query}&version=9", 404)
 
 
@@ -320,7 +321,7 @@ def test_events_near_a_burst_stand_on_its_page(tmp_path: Path) -> None:
         catalogue.events.link(BURST_ID, [Link(flare, -120.0)])
     with TestClient(create_app(settings)) as other:
         text = page(other, f"/bursts/{BURST_ID}")
-        table = text[text.index('class="events"') : text.index("</table>", text.index('class="events"'))]
+        table = text[text.index('class="events stack"') :].partition("</table>")[0]
         for words in ("flare", "2012-06-07 19:24", "\N{MINUS SIGN}2.0", "C3.4", ">62<", "1494", "swpc"):
             assert words in table, words
         assert 'id="no-events"' in page(other, "/bursts/T3-20120608-0000")
