@@ -7,15 +7,14 @@ from fastapi import APIRouter, Request, Response
 from fastapi.responses import HTMLResponse
 from markupsafe import Markup
 
-from api.addresses import burst_links, day_links
-from api.calibration import calibration_of
 from api.drawing import BurstView, Looked
 from api.freshness import file_tag, tag_of
-from api.links import linked, site_url
+from api.links import burst_links, day_links, linked, site_url
 from api.pages.days import place_of
 from api.pages.track import track_page
 from api.queries import CHOICES
 from api.rendering import render, series_query, written_interval
+from api.replies import calibration_of
 from api.routers.bursts import versions_of
 from api.routers.figures import METHOD, file_reply
 from api.routers.solutions import sources_of
