@@ -1,7 +1,7 @@
 """The server process: uvicorn, with time limits on clients that send slowly. ``python -m api.serve --port 8000``.
 
-uvicorn writes the usual phrase of a status; HAPI wants its code there: a reply with the header ``X-HAPI-Status`` has the
-words of it after that phrase.
+uvicorn writes the usual phrase of a status; HAPI wants its code there: a reply with the header ``X-HAPI-Status`` has
+the words of it after that phrase.
 """
 
 import argparse

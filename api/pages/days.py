@@ -21,7 +21,7 @@ from api.links import day_links, linked, site_url
 from api.queries import DayFilter, asked_of, fault_words
 from api.rendering import NOT_COMPARED, answer_words, render
 from api.routers.figures import file_reply
-from api.service import CatalogueHere, ServiceHere
+from api.service import CatalogueHere, Service, ServiceHere
 from bella.catalogue import BurstQuery, Catalogue, DayPage, DaySummary, Detection, DetectionQuery, ObservedDay
 from bella.exceptions import InputError, NoDataError
 from bella.flags import LOCALISABLE, REJECTED
@@ -167,6 +167,11 @@ def calendar_file(request: Request, kind: Kind, catalogue: CatalogueHere) -> Res
 @router.get("/days/{day}")
 def day_page(request: Request, day: str, service: ServiceHere, catalogue: CatalogueHere) -> HTMLResponse:
     """What was found on a searched day, drawn and in tables."""
+    with catalogue.snapshot():
+        return _page(request, day, service, catalogue)
+
+
+def _page(request: Request, day: str, service: Service, catalogue: Catalogue) -> HTMLResponse:
     wanted = parse_day(day, "day")
     asked = _origins(request)
     known = catalogue.days(wanted, wanted, 1, asked).days

@@ -31,7 +31,7 @@ from bella.simulation.instruments import instruments
 from benchmarks.detection import FLEET
 from tests.bursts.recorded import burst_at, sky
 from tests.commands import BELLA, Sandbox
-from tests.plotting.test_fleet import green, height
+from tests.plotting.test_days import green, height
 from tests.waiting import until
 
 DAY, SEED = date(2021, 2, 1), 1
