@@ -16,8 +16,8 @@ import uvicorn
 from uvicorn.protocols.http.h11_impl import H11Protocol
 
 STATUS_HEADER = "X-HAPI-Status"
-LARGEST_HEAD_BYTES = 65_536
-"""Of a request, as uvicorn sets it by default for its other protocol."""
+LARGEST_HEAD_BYTES = 16_384
+"""Of a request."""
 
 
 class _Phrased(h11.Connection):
@@ -36,7 +36,7 @@ class PhrasedProtocol(H11Protocol):
 
     def __init__(self, *arguments: Any, **more: Any) -> None:
         super().__init__(*arguments, **more)
-        self.conn = _Phrased(h11.SERVER, self.config.h11_max_incomplete_event_size or LARGEST_HEAD_BYTES)
+        self.conn = _Phrased(h11.SERVER, LARGEST_HEAD_BYTES)
 
 
 HEAD_S, BODY_S = 10.0, 30.0
@@ -46,7 +46,6 @@ GRACE_S = 3
 """Time to finish replies when the process is told to end: a stream of alerts would never finish by itself."""
 MOST_CONNECTIONS = 500
 """Connections at a time; above, those that have been sending the head of a request for longest are closed."""
-LARGEST_HEAD_BYTES = 16_384
 
 
 class TimedProtocol(PhrasedProtocol):
@@ -116,7 +115,6 @@ def options() -> dict[str, Any]:
         "http": TimedProtocol,
         "timeout_keep_alive": KEEP_ALIVE_S,
         "timeout_graceful_shutdown": GRACE_S,
-        "h11_max_incomplete_event_size": LARGEST_HEAD_BYTES,
         "log_level": "warning",
         "proxy_headers": True,
     }
