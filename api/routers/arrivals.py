@@ -21,7 +21,7 @@ from bella.arrivals import arrival_grid, locate_receivers, parse_arrivals
 from bella.catalogue import ANONYMOUS, submission_name
 from bella.exceptions import BusyError, InputError, NoDataError, StoreError
 
-TOKEN_SENT_SO = "send it as the header 'Authorization: Bearer TOKEN'; the operator makes one with bella token create"
+AUTHORISED_SO = "send it as the header 'Authorization: Bearer TOKEN'; the operator makes one with bella token create"
 
 
 def _submitter(request: Request, service: ServiceHere, catalogue: CatalogueHere) -> str:
@@ -38,11 +38,11 @@ def _submitter(request: Request, service: ServiceHere, catalogue: CatalogueHere)
     if header is None:
         if service.settings.open_submissions:
             return ANONYMOUS
-        raise UnauthorisedError(f"this needs a token: {TOKEN_SENT_SO}")
+        raise UnauthorisedError(f"this needs a token: {AUTHORISED_SO}")
     scheme, _, secret = header.partition(" ")
     token = catalogue.token_of(secret.strip()) if scheme.lower() == "bearer" else None
     if token is None:
-        raise UnauthorisedError(f"the token is not known: {TOKEN_SENT_SO}")
+        raise UnauthorisedError(f"the token is not known: {AUTHORISED_SO}")
     if token.revoked_utc is not None:
         raise ForbiddenError(f"token {token.token_id} was revoked: ask the operator for another one")
     return token.token_id
