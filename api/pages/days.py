@@ -35,15 +35,22 @@ from bella.plotting import (
     exported,
     origin_warning,
     strips_figure,
+    zoomed_day,
 )
 from bella.records import ALL_ORIGINS, REAL_ORIGINS, DayAnswer, Origin, origins_asked
 from bella.times import parse_day
+from bella.units import DAY_S
 
 router = APIRouter(include_in_schema=False)
 
 FIELDS = ("from", "to", "limit", "origin")
 AROUND = timedelta(hours=1)
 """A burst keeps the onset under which it was first published; later data may move it past midnight."""
+
+HOURS_SHOWN = ("00:00,06:00", "06:00,12:00", "12:00,18:00", "18:00,24:00")
+TIMES_OF_DAY = re.compile(r"([01]\d|2[0-4]):([0-5]\d),([01]\d|2[0-4]):([0-5]\d)")
+LEAST_SHOWN_S = 600.0
+"""Of the spectra of a day, whose picture is two minutes fine."""
 
 MOST_STRIPS = 31
 """So many days or fewer are shown by the hour, more by the day."""
@@ -188,6 +195,7 @@ def _page(request: Request, day: str, service: Service, catalogue: Catalogue) ->
     bursts = _shown_bursts(found, _with_page(catalogue, wanted))
     rejected = [one for one in found if one.tier == REJECTED]
     part, parts = _part(request, bursts)
+    span = _span(request.query_params.get("t") or "")
     return render(
         request,
         "day.html",
@@ -200,7 +208,9 @@ def _page(request: Request, day: str, service: Service, catalogue: Catalogue) ->
         origin=origins[0],
         is_real=origins[0] in REAL_ORIGINS,
         beside=[one and day_links(one, origins[0])["page"] for one in (before, after)],
-        drawn=_drawn(drawn, bursts, part, links["page"]) if drawn.is_file() else None,
+        drawn=_drawn(drawn, bursts, part, links["page"], span) if drawn.is_file() else None,
+        span=request.query_params.get("t") if span else "",
+        hours=HOURS_SHOWN,
         bursts=bursts[part * BURSTS_PER_PART : (part + 1) * BURSTS_PER_PART],
         total=len(bursts),
         part=part,
@@ -237,8 +247,17 @@ def _part(request: Request, bursts: Sequence[ShownBurst]) -> tuple[int, int]:
     return int(asked) - 1, parts
 
 
-def _drawn(path: Path, bursts: Sequence[ShownBurst], part: int, page: str) -> Markup:
-    """Figure of a day, whose boxes lead to the part that tells of their burst."""
+def _span(text: str) -> tuple[float, float] | None:
+    """Seconds after midnight of two times of day; None where they cannot be read: a cut link still shows the day."""
+    found = TIMES_OF_DAY.fullmatch(text)
+    if not found:
+        return None
+    first, last = (3600.0 * int(found[one]) + 60.0 * int(found[one + 1]) for one in (1, 3))
+    return (first, min(last, DAY_S)) if first + LEAST_SHOWN_S <= min(last, DAY_S) else None
+
+
+def _drawn(path: Path, bursts: Sequence[ShownBurst], part: int, page: str, span: tuple[float, float] | None) -> Markup:
+    """Figure of a day or a part of it, whose boxes lead to the part that tells of their burst."""
     places = {one.burst_id: index // BURSTS_PER_PART for index, one in enumerate(bursts)}
 
     def _led(found: re.Match[str]) -> str:
@@ -246,6 +265,7 @@ def _drawn(path: Path, bursts: Sequence[ShownBurst], part: int, page: str) -> Ma
         return found[0] if is_here else f'href="{escape(place_of(page, found[1]))}"'
 
     text = path.read_text(encoding="utf-8")
+    text = zoomed_day(text, *span) if span else text
     return Markup(re.sub(r'href="#([^"]+)"', _led, text) if len(bursts) > BURSTS_PER_PART else text)  # noqa: S704
 
 

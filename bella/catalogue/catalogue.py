@@ -357,6 +357,10 @@ class Catalogue:
         """Let a superseded solution point to its group without draws; see `pruning.note_pruned`."""
         pruning.note_pruned(self._engine, solution_id, store_path, store_sha256)
 
+    def note_packed(self, folder: str, store_path: str) -> None:
+        """Let all that refers to the folder of a group refer to its file; see `pruning.note_packed`."""
+        pruning.note_packed(self._engine, folder, store_path)
+
     def create_token(self, name: str) -> tuple[Token, str]:
         """Make a token, and the secret that is shown once; see `tokens.create`."""
         return tokens.create(self._engine, name)

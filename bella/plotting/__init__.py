@@ -18,6 +18,7 @@ from bella.plotting.days import (
     day_caption,
     day_figure,
     strips_figure,
+    zoomed_day,
 )
 from bella.plotting.ecliptic import (
     WindScene,
@@ -134,6 +135,7 @@ __all__ = [
     "write_edge_figures",
     "write_figure",
     "write_whole",
+    "zoomed_day",
 ]
 
 

@@ -1,5 +1,6 @@
 """Days: calendars from years to hours, and the spectra of all spacecraft on one day with what was found in them."""
 
+import re
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from datetime import UTC, date, datetime, timedelta
@@ -28,6 +29,11 @@ from bella.plotting.svg import (
 )
 from bella.spectra import over_background
 from bella.units import DAY_S, FloatArray
+
+PANE = re.compile(r'(<svg class="pane"[^>]* viewBox=")[\d.]+ ([\d.]+) [\d.]+ ([\d.]+)(?=")')
+ONSET = re.compile(r'<text x="([\d.]+)"( y="[\d.]+" class="onset-label">[^<]*</text>)')
+HOURS = re.compile(r'<g class="hours" data-top="([\d.]+)">.*?</g>')
+"""What of the figure of a day depends on the part of it that is shown."""
 
 BOX_COLUMNS = ("observatory", "start_utc", "end_utc", "f_low_mhz", "f_high_mhz", "score", "tier", "reason")
 WIDTH, LEFT, RIGHT, PANEL, GAP, FOOT = 1240.0, 44.0, 20.0, 150.0, 26.0, 38.0
@@ -153,11 +159,11 @@ def strips_figure(days: Sequence[DayMark], onsets: Sequence[OnsetMark]) -> str:
         box = element("rect", x=across.start, y=y, width=width, height=ROW - 6, class_=f"strip {_class(one.answer)}")
         name = words(f"{one.day:%d %b %Y}", 0, y + 15, class_="month")
         parts.append(element("a", element("title", one.said), name, box, href=one.address))
-    parts += [_onset(one, across, rows[one.start.date()]) for one in onsets if one.start.date() in rows]
+    parts += [_onset_mark(one, across, rows[one.start.date()]) for one in onsets if one.start.date() in rows]
     return figure("strips", (WIDTH, height), "Bursts of each day by the hour of their onset.", *parts)
 
 
-def _onset(one: OnsetMark, across: Scale, y: float) -> str:
+def _onset_mark(one: OnsetMark, across: Scale, y: float) -> str:
     x = float(across((one.start - datetime.combine(one.start.date(), datetime.min.time(), UTC)).total_seconds()))
     kind = "onset localised" if one.is_localised else "onset"
     mark = element("rect", x=x - 2.5, y=y - 1, width=5 if one.is_localised else 3, height=ROW - 4, class_=kind)
@@ -198,14 +204,51 @@ def day_figure(day: date, spectra: Sequence[xr.Dataset], detections: pd.DataFram
     first, last = unix_s([midnight, until])
     time = Scale(float(first), float(last), LEFT, WIDTH - RIGHT)
     height = len(shown) * (PANEL + GAP) + FOOT
-    drawn = [
-        part for row, over in enumerate(shown) for part in _panel(over, time, GAP + row * (PANEL + GAP), detections)
-    ]
+    tops = [GAP + row * (PANEL + GAP) for row in range(len(shown))]
+    drawn = [part for over, top in zip(shown, tops, strict=True) for part in _panel(over, time, top, detections)]
     names = ", ".join(str(over.attrs["observatory"]) for over in shown)
     rejected = int((detections["tier"] == REJECTED).sum())
     counts = f"{len(detections) - rejected} detections and {rejected} rejected candidates"
     title = f"Dynamic spectra of {names} on {day} with {counts} outlined."
-    return figure("day", (WIDTH, height), title, *drawn, *_hours(time, height - FOOT))
+    return figure(
+        "day",
+        (WIDTH, height),
+        title,
+        *drawn,
+        _hours(Scale(0.0, DAY_S, LEFT, WIDTH - RIGHT), height - FOOT),
+        data_time=f"0,{DAY_S:g}",
+        data_across=f"{LEFT:g},{WIDTH - RIGHT:g}",
+        data_tops=",".join(f"{top:g}" for top in tops),
+        data_height=f"{PANEL:g}",
+        data_names=",".join(str(over.attrs["observatory"]) for over in shown),
+    )
+
+
+def zoomed_day(drawn: str, first_s: float, last_s: float) -> str:
+    """A part of a day, of the figure of all of it.
+
+    Parameters
+    ----------
+    drawn : str
+        As :func:`day_figure` returned it.
+    first_s, last_s : float
+        Seconds after midnight, the first one earlier.
+
+    Returns
+    -------
+    str
+    """
+    whole, part = (Scale(*ends, LEFT, WIDTH - RIGHT) for ends in ((0.0, DAY_S), (first_s, last_s)))
+    left, right = (float(whole(one)) for one in (first_s, last_s))
+
+    def _moved(label: re.Match[str]) -> str:
+        moment = (float(label[1]) - whole.start) / (whole.end - whole.start) * DAY_S
+        return f'<text x="{number(float(part(moment)))}"{label[2]}' if part.holds(moment) else ""
+
+    shown = PANE.sub(rf"\g<1>{number(left)} \g<2> {number(right - left)} \g<3>", drawn)
+    shown = ONSET.sub(_moved, shown)
+    shown = HOURS.sub(lambda found: _hours(part, float(found[1])), shown)
+    return shown.replace(f'data-time="0,{DAY_S:g}"', f'data-time="{first_s:g},{last_s:g}"')
 
 
 def day_caption(day: date) -> str:
@@ -223,24 +266,29 @@ def _panel(over: xr.Dataset, time: Scale, top: float, detections: pd.DataFrame) 
     scale = Scale(low, float(frequency.max()) * 1.05, top + PANEL, top, is_log=True)
     box = {"x": time.start, "y": top, "width": time.end - time.start, "height": PANEL}
     yield element("rect", **box, class_="no-data")
-    yield picture(_shares(known, time, scale), BRIGHTNESS, WEAK_STRETCH, **box)
-    for tick in scale.among(FREQUENCY_TICKS_MHZ):
-        y = float(scale(tick))
-        yield line(time.start - 4, y, time.start, y, class_="axis")
-        yield words(f"{tick:g}", time.start - 7, y + 4, class_="tick", text_anchor="end")
     name = str(over.attrs["observatory"])
-    yield words(name, time.start, top - 7, class_="panel-name")
-    receiver = f"MHz · {over.attrs.get('receiver', '')}, {over.sizes['frequency']} channels"
-    yield words(receiver, time.end, top - 7, class_="panel-unit", text_anchor="end")
     own = [
         {str(key): value for key, value in row.items()}
         for row in detections[detections["observatory"] == name].to_dict("records")
     ]
-    if len(own) > MOST_BOXES:
-        yield from _boxes_together(own, time, scale)
-        return
-    for row in own:
-        yield from _box(row, time, scale)
+    yield element(
+        "svg",
+        picture(_shares(known, time, scale), BRIGHTNESS, WEAK_STRETCH, **box),
+        *(_boxes_together(own, time, scale) if len(own) > MOST_BOXES else (_box(row, time, scale) for row in own)),
+        class_="pane",
+        **box,
+        viewBox=" ".join(number(one) for one in box.values()),
+        preserveAspectRatio="none",
+    )
+    if len(own) <= MOST_BOXES:
+        yield from (_onset_label(row, time, scale) for row in own if str(row["tier"]) == LOCALISABLE)
+    for tick in scale.among(FREQUENCY_TICKS_MHZ):
+        y = float(scale(tick))
+        yield line(time.start - 4, y, time.start, y, class_="axis")
+        yield words(f"{tick:g}", time.start - 7, y + 4, class_="tick", text_anchor="end")
+    yield words(name, time.start, top - 7, class_="panel-name")
+    receiver = f"MHz · {over.attrs.get('receiver', '')}, {over.sizes['frequency']} channels"
+    yield words(receiver, time.end, top - 7, class_="panel-unit", text_anchor="end")
 
 
 def _boxes_together(rows: Sequence[dict[str, Any]], time: Scale, scale: Scale) -> Iterator[str]:
@@ -297,26 +345,38 @@ def _kind(tier: str) -> str:
     return "localised" if tier == LOCALISABLE else "rejected" if tier == REJECTED else "burst"
 
 
-def _box(row: dict[str, Any], time: Scale, scale: Scale) -> Iterator[str]:
-    """Outline of a detection, which leads to its burst; its onset above where that was localised."""
+def _onset(row: dict[str, Any]) -> str:
+    return time_of_day(float(unix_s([row["start_utc"]])[0]))
+
+
+def _onset_label(row: dict[str, Any], time: Scale, scale: Scale) -> str:
+    """Onset of a detection above its box; nothing where that is not on the day."""
+    corners = _corners(row, time, scale)
+    return "" if corners is None else words(_onset(row), corners[0], scale.end - 3, class_="onset-label")
+
+
+def _box(row: dict[str, Any], time: Scale, scale: Scale) -> str:
+    """Outline of a detection, which leads to its burst; nothing where it is not on the day."""
     corners = _corners(row, time, scale)
     if corners is None:
-        return
+        return ""
     left, top, right, bottom = corners
     tier = str(row["tier"])
-    onset = time_of_day(float(unix_s([row["start_utc"]])[0]))
     burst = str(row.get("burst_id") or "")
-    said = f"{onset} {burst} {'no burst' if tier == REJECTED else tier} {row['reason']}".replace("_", " ").strip()
+    said = f"{_onset(row)} {burst} {'no burst' if tier == REJECTED else tier} {row['reason']}".replace("_", " ").strip()
     shape = element("rect", x=left, y=top, width=right - left, height=bottom - top, class_=f"box {_kind(tier)}")
     inside = [element("title", said), shape]
-    if tier == LOCALISABLE:
-        inside.append(words(onset, left, scale.end - 3, class_="onset-label"))
-    yield element("a", *inside, href=f"#{burst}") if burst else element("g", *inside)
+    return element("a", *inside, href=f"#{burst}") if burst else element("g", *inside)
 
 
-def _hours(time: Scale, top: float) -> Iterator[str]:
-    for hour in range(0, 25, 2):
-        x = float(time(time.low + hour * 3600.0))
-        yield line(x, top, x, top + 5, class_="axis")
-        kind = "tick" if hour % 6 == 0 else "tick wide"
-        yield words(f"{hour:02d}:00", x, top + 19, class_=kind, text_anchor="middle")
+def _hours(time: Scale, top: float) -> str:
+    """Axis of the time of day, seconds after midnight."""
+    parts = []
+    ticks = time.time_ticks(13)
+    step_s = ticks[1] - ticks[0] if len(ticks) > 1 else 60.0
+    for index, tick in enumerate(ticks):
+        x = float(time(tick))
+        parts.append(line(x, top, x, top + 5, class_="axis"))
+        said, kind = "24:00" if tick == DAY_S else time_of_day(tick, step_s), "tick" if index % 3 == 0 else "tick wide"
+        parts.append(words(said, x, top + 19, class_=kind, text_anchor="middle"))
+    return element("g", *parts, class_="hours", data_top=number(top))

@@ -359,8 +359,7 @@ def timed(start: TimeArray, offset_s: npt.NDArray[Any]) -> tuple[TimeArray, Time
     tuple of numpy.ndarray
         datetime64[ns], of shapes (records,) and (records, channels).
     """
-    known = offset_s[np.isfinite(offset_s).any(axis=1)]
-    middle_s = float(np.median(0.5 * (np.nanmin(known, axis=1) + np.nanmax(known, axis=1))))
+    middle_s = float(np.nanmedian(0.5 * (np.fmin.reduce(offset_s, axis=1) + np.fmax.reduce(offset_s, axis=1))))
     offset_ns = np.where(np.isfinite(offset_s), offset_s, middle_s)
     offset_ns *= 1e9
     offset = np.rint(offset_ns, out=offset_ns).astype("timedelta64[ns]")

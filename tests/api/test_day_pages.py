@@ -164,6 +164,25 @@ def test_a_day_shows_bursts_with_why_they_were_not_placed(reader: TestClient) ->
     assert 'class="figure day"' in text
 
 
+@pytest.mark.parametrize(
+    ("asked", "shown"),
+    [
+        ("06:00,09:30", "21600,34200"),
+        ("20:00,24:00", "72000,86400"),
+        ("09:00,06:00", "0,86400"),
+        ("09:00,09:05", "0,86400"),
+        ("x", "0,86400"),
+        ("23:00,24:59", "82800,86400"),
+    ],
+)
+def test_a_part_of_a_day_is_shown_and_a_broken_link_shows_all(home: Settings, asked: str, shown: str) -> None:
+    home.day_figure(DAY.day).write_text(DRAWN.replace("<svg ", '<svg data-time="0,86400" '))
+    with TestClient(create_app(home)) as client:
+        text = page(client, f"/days/2020-07-21?t={asked}")
+    assert f'data-time="{shown}"' in text
+    assert ('aria-current="true">whole day' in text) == (shown == "0,86400")
+
+
 def test_the_calendar_is_a_file_of_any_kind_with_its_caption(reader: TestClient) -> None:
     listed = page(reader, "/days?from=2020-07-01&to=2020-08-31")
     for kind, begins in (("svg", b"<svg "), ("png", b"\x89PNG"), ("pdf", b"%PDF")):

@@ -105,7 +105,7 @@ def test_a_link_with_a_version_shows_that_version(client: TestClient) -> None:
     assert "an older version" in page(client, f"/bursts/{BURST_ID}?{query}&version=1")
     newest = page(client, f"/bursts/{BURST_ID}?{query}&version=2")
     assert 'id="other-series"' not in newest
-    assert f'data-permanent="/bursts/{BURST_ID}?{query.replace("&", "&amp;")}&amp;version=2"' in newest
+    assert f'href="/bursts/{BURST_ID}?{query.replace("&", "&amp;")}&amp;version=2" id="copy-link"' in newest
     assert "no such series" in page(client, f"/bursts/{BURST_ID}?{query}&version=9", 404)
 
 

@@ -314,12 +314,12 @@ def test_damage_in_the_store_is_named(first_run: FirstRun, tmp_path: Path) -> No
     with closing(catalogue_of(sandbox)) as catalogue:
         posterior, *_ = (one.store_path for one in catalogue.stored_groups() if one.sha256)
         (spectra,) = (one.store_path for one in catalogue.stored_groups() if one.sha256 is None)
-    chunk = sandbox.home / "store" / posterior / "draws" / "c" / "0" / "0" / "0"
+    chunk = sandbox.home / "store" / posterior
     content = bytearray(chunk.read_bytes())
     content[len(content) // 2] ^= 0xFF
     chunk.chmod(0o644)
     chunk.write_bytes(content)
-    shutil.rmtree(sandbox.home / "store" / spectra)
+    (sandbox.home / "store" / spectra).unlink()
 
     done = sandbox.here("store", "verify", "--json", code=1)
 
