@@ -368,7 +368,7 @@ def _profile_timed(parts: Sequence[xr.Dataset]) -> TimedBurst:
     fit = fit_profile([light_curves(part, reference) for part in parts])
     timed = Timed(
         *(fit.observatory, fit.frequency_mhz, fit.arrival_s, fit.rise_s, fit.independent_sd_s, fit.shared_s),
-        np.zeros(fit.arrival_s.size),
+        *(np.zeros(fit.arrival_s.size),) * 2,
     )
     return _with_noise(_with_clock(timed, parts), fit.flag, SHARED, reference, fit.collapsed)
 
@@ -396,6 +396,7 @@ def _alone(lights: Sequence[LightCurves], edge: str) -> tuple[Timed, npt.NDArray
         channel_sd_s=np.array([one.sigma_s for one in found], dtype=np.float64),
         shared_s=np.zeros((frequency.size, 0)),
         offset_s=np.zeros(frequency.size),
+        shape_sd_s=np.zeros(frequency.size),
     )
     return timed, np.array([one.flag for one in found], dtype=object)
 
