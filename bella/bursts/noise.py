@@ -15,6 +15,7 @@ import numpy.typing as npt
 from scipy.linalg import block_diag, cho_factor, cho_solve
 from scipy.optimize import minimize
 
+from bella.arrivals import error_scale_s, evenly_spread
 from bella.exceptions import NoDataError
 from bella.units import FloatArray
 
@@ -32,12 +33,6 @@ bursts."""
 CRAFT_LN_SD = 1.0
 """By how much both differ between the spacecraft of a burst: standard deviation of their logarithms. In simulated
 bursts one sparse receiver in ten has errors ten times those of the others."""
-
-SCALE_POWER = 0.75
-"""Errors grow with this power of the rise along a burst. In proportion to the rise (1) they are less likely by 2 and 6
-in ln L for 2012-06-07 and 2020-07-21, and by 1.7 for a simulated burst (47 of two generators). At 0.5 the likelihood is
-a little larger still, but so are errors at high frequencies: winds above 1500 km/s are then not excluded for the
-half-maximum edges of 2012-06-07, and are borderline at 0.75."""
 
 SHAPE_LENGTH_LN_F = 0.2
 """Correlation length of the smooth error in ln f. Of 0.1 to 0.5 the two real events prefer it, by 3 to 16 in ln L."""
@@ -250,8 +245,7 @@ def estimate_noise(timed: Timed) -> Timed:
     Timed
         With `channel_sd_s`, `shape_sd_s` and `width_share`.
     """
-    middle_s = float(np.exp(np.log(timed.rise_s).mean()))
-    scale_s = middle_s * (timed.rise_s / middle_s) ** SCALE_POWER
+    scale_s = error_scale_s(timed.rise_s)
     timed = replace(timed, shape_sd_s=scale_s)
     thin = timed.take(spread_channels(timed, MOST_FOR_NOISE))
     names = list(dict.fromkeys(timed.observatory))
@@ -322,11 +316,7 @@ def spread_channels(timed: Timed, most: int = MOST_CHANNELS) -> npt.NDArray[np.i
     chosen = []
     for name in dict.fromkeys(timed.observatory):
         rows = np.flatnonzero(timed.observatory == name)
-        if rows.size > most:
-            log = np.log(timed.frequency_mhz[rows])
-            wanted = np.linspace(log.min(), log.max(), most)
-            rows = rows[np.unique(np.abs(log[:, None] - wanted).argmin(axis=0))]
-        chosen.append(rows)
+        chosen.append(rows[evenly_spread(timed.frequency_mhz[rows], most)] if rows.size > most else rows)
     return np.concatenate(chosen)
 
 
