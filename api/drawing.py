@@ -6,31 +6,21 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
-import xarray as xr
 from pydantic import Field, ValidationError, field_validator
 
-from api.queries import SolutionChoice, chosen
+from api.queries import CHOICES, SolutionChoice, chosen
 from api.service import Service
 from bella.catalogue import BurstSummary, Catalogue, Solution
-from bella.exceptions import InputError, NoDataError
-from bella.plotting import (
-    MapView,
-    SpectraView,
-    TrackView,
-    constellation_figure,
-    edge_name,
-    evolution_figure,
-    residual_figure,
-    spectra_figure,
-)
-from bella.plotting.constellation import View
-from bella.plotting.ecliptic import Frame
+from bella.exceptions import InputError
+from bella.pipeline import page_figures
+from bella.pipeline.page_figures import Answered, FirstLook
+from bella.plotting import MapView, SpectraView
+from bella.plotting.constellation import Frame, View
 from bella.plotting.geometry import receiver_positions
 from bella.plotting.spectra import Clock
-from bella.records import Interval
 from bella.spacecraft import position
 from bella.times import parse_utc
-from bella.units import C_RSUN_S, FloatArray
+from bella.units import C_RSUN_S
 
 
 class BurstView(SolutionChoice):
@@ -130,39 +120,46 @@ class Looked:
         return self.catalogue.track_fit(self.shown.solution_id) if self.shown else {}
 
     @cached_property
-    def posterior(self) -> xr.Dataset | None:
-        """Posterior of the answer that is shown; None where it has no positions."""
-        return self._posterior(self.shown) if self.shown else None
+    def answer(self) -> Answered | None:
+        """The same with its posterior and its track; None where the burst has no answer."""
+        return self._answered(self.shown, self.track) if self.shown else None
 
-    def _posterior(self, solution: Solution) -> xr.Dataset | None:
-        group = self.service.posterior(solution)
-        return group if "region68" in group and "x_rsun" in group else None
+    def _answered(self, solution: Solution, track: dict[str, Any]) -> Answered:
+        return Answered(solution, self.service.posterior(solution), track)
 
-    def tags(self) -> tuple[list[Solution], list[object]]:
+    @cached_property
+    def first(self) -> FirstLook | None:
+        """What was drawn of the answer when it was published; None where that is not kept, or no longer what it was."""
+        return self.service.first_look(self.summary.burst, self.shown) if self.shown else None
+
+    @property
+    def _as_drawn(self) -> dict[str, str]:
+        """Figures that were drawn, where the view is the one of which they were."""
+        is_first = not self.view.model_dump(exclude_defaults=True, exclude=set(CHOICES) | {"theme"})
+        return self.first.figures if self.first and is_first else {}
+
+    @cached_property
+    def _answers(self) -> list[Answered]:
+        """Those that are drawn, the one that is shown first."""
+        others = self.others if self.view.all else []
+        rest = [self._answered(one, self.catalogue.track_fit(one.solution_id)) for one in others]
+        return [self.answer, *rest] if self.answer else []
+
+    def tags(self) -> list[object]:
         """What a figure depends on, for its entity tag."""
-        solutions = [*([self.shown] if self.shown else []), *(self.others if self.view.all else [])]
-        return solutions, [self.view.model_dump_json(), self.summary.burst.spectra_path]
+        return [self.shown and self.shown.store_sha256, self.view.model_dump_json(), self.summary.burst.updated_utc]
+
+    def channels(self) -> list[float]:
+        """Frequencies of the answer that is shown, MHz, ascending."""
+        if self.first:
+            return self.first.channels_mhz
+        return page_figures.channels_of(self.answer) if self.answer else []
 
     def constellation(self) -> str:
         """Map with the track."""
-        burst = self.summary.burst
-        wanted = [self.shown, *(self.others if self.view.all else [])] if self.shown else []
-        tracks = [
-            TrackView(edge_name(one.series.edge), group, self.catalogue.track_fit(one.solution_id))
-            for one in wanted
-            if one and (group := self._posterior(one)) is not None
-        ]
-        utc = np.datetime64(burst.start_utc.replace(tzinfo=None), "ns")
-        is_placed = bool(tracks) and self.posterior is not None
-        sectors = (self.track.get("joint") or {}).get("phi0_68", ())
-        look = MapView(
-            view=self.view.view,
-            frame=self.view.frame,
-            frequency_mhz=self.view.frequency,
-            sectors=() if is_placed else [Interval(**one) for one in sectors],
-            receivers={} if is_placed else places_of(burst.observatories, utc),
-        )
-        return constellation_figure(tracks, utc, look)
+        view, drawn = self.view, self._as_drawn.get("constellation")
+        look = MapView(view=view.view, frame=view.frame, frequency_mhz=view.frequency)
+        return drawn or page_figures.constellation(self.summary.burst, self._answers, look)
 
     def spectra(self) -> str:
         """Spectra with the edges that were timed.
@@ -172,10 +169,10 @@ class Looked:
         NoDataError
             If no spectra were kept.
         """
+        if drawn := self._as_drawn.get("spectra"):
+            return drawn
         burst = self.summary.burst
         tree = self.service.spectra(burst.burst_id, burst.spectra_path)
-        wanted = [self.shown, *(self.others if self.view.all else [])] if self.shown else []
-        edges = {one.series.edge: self.service.posterior(one) for one in reversed(wanted) if one}
         look = SpectraView(
             clock=self.view.clock,
             shift_s=self._shift_s(),
@@ -183,7 +180,7 @@ class Looked:
             band_mhz=self.view.band_mhz,
             frequency_mhz=self.view.frequency,
         )
-        return spectra_figure(tree, edges, look)
+        return page_figures.spectra(tree, self._answers, look)
 
     def _shift_s(self) -> dict[str, float]:
         """Seconds from the clock of each spacecraft to the one that is asked for."""
@@ -191,28 +188,20 @@ class Looked:
             return {}
         burst = self.summary.burst
         utc = np.datetime64(burst.start_utc.replace(tzinfo=None), "ns")
-        group = self.service.posterior(self.shown) if self.shown else None
-        where = receiver_positions(group) if group is not None and "receiver_rsun" in group else {}
-        where = where or places_of(burst.observatories, utc)
+        group = self.answer.posterior if self.answer else None
+        measured = receiver_positions(group) if group is not None and "receiver_rsun" in group else {}
+        where = measured or page_figures.places_of(burst.observatories, utc)
         to_earth = float(np.linalg.norm(position("EARTH", utc)[0])) if self.view.clock == "earth" else 0.0
         return {name: (to_earth - float(np.linalg.norm(one))) / C_RSUN_S for name, one in where.items()}
 
     def evolution(self) -> str | None:
         """Distance and beam speed against frequency; None where there are no positions."""
-        return evolution_figure(self.posterior, self.track) if self.posterior is not None and self.shown else None
+        if self.first:
+            return self.first.figures.get("evolution")
+        return page_figures.evolution(self.answer) if self.answer else None
 
     def residuals(self) -> str | None:
         """Residuals of the arrival times; None where they are not known."""
-        known = self.posterior is not None and "residual_s" in self.posterior
-        return residual_figure(self.posterior) if known and self.posterior is not None else None
-
-
-def places_of(names: tuple[str, ...], utc: np.datetime64) -> dict[str, FloatArray]:
-    """Where those spacecraft were whose positions are known, HEE."""
-    found = {}
-    for name in names:
-        try:
-            found[name] = position(name, utc)[0]
-        except (InputError, NoDataError):
-            continue
-    return found
+        if self.first:
+            return self.first.figures.get("residuals")
+        return page_figures.residuals(self.answer) if self.answer else None

@@ -1,10 +1,9 @@
 """Replies that are kept until the catalogue changes: what was asked before is neither read nor drawn again."""
 
 import time
-from collections import OrderedDict
 from dataclasses import dataclass
-from threading import Lock
 
+from cachetools import LRUCache
 from starlette.concurrency import run_in_threadpool
 from starlette.datastructures import Headers
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
@@ -52,9 +51,7 @@ class KeptReplies:
 
     def __init__(self, app: ASGIApp, service: Service) -> None:
         self.app, self.service = app, service
-        self._kept: OrderedDict[tuple[str, ...], _Kept] = OrderedDict()
-        self._bytes = 0
-        self._changing = Lock()
+        self._kept = LRUCache[tuple[str, ...], _Kept](MOST_BYTES, getsizeof=lambda one: len(one.body))
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         """Answer, or pass the request on and keep the reply."""
@@ -69,7 +66,7 @@ class KeptReplies:
             kept = await self._made(scope, receive, reply, state)
             if kept is None:
                 return
-            self._keep(key, kept)
+            self._kept[key] = kept
         await reply.take({"type": "http.response.start", "status": 200, "headers": [*kept.headers]})
         await reply.take({"type": "http.response.body", "body": kept.body})
 
@@ -97,14 +94,6 @@ class KeptReplies:
         rest = [(name, value) for name, value in scope["headers"] if name not in CONDITIONS]
         await self.app({**scope, "headers": rest}, receive, _take)
         return found[0] if found else None
-
-    def _keep(self, key: tuple[str, ...], kept: _Kept) -> None:
-        with self._changing:
-            before = self._kept.pop(key, None)
-            self._kept[key] = kept
-            self._bytes += len(kept.body) - (len(before.body) if before else 0)
-            while self._bytes > MOST_BYTES:
-                self._bytes -= len(self._kept.popitem(last=False)[1].body)
 
 
 def _may_be_kept(scope: Scope, asked: Headers) -> bool:

@@ -1,6 +1,6 @@
 """The pages' templates, and how numbers and times are written in them."""
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from datetime import UTC, datetime, timedelta
 from functools import cache
 from pathlib import Path
@@ -18,6 +18,7 @@ from bella import __version__
 from bella.answer import interval_68, wind_gap, written_68, written_wind
 from bella.catalogue import Solution
 from bella.plotting import KINDS, edge_name
+from bella.spacecraft import OBSERVATORIES
 
 TEMPLATES = Path(__file__).parent / "templates"
 MINUS, DASH = "\N{MINUS SIGN}", "\N{EN DASH}"
@@ -82,6 +83,7 @@ def environment() -> Environment:
         has_number=has_number,
         wind_gap=wind_gap,
         wind=written_speed,
+        crafts=written_crafts,
         edge=edge_name,
         meaning=flag_meaning,
         why=reason_words,
@@ -130,6 +132,12 @@ def changed_query(context: Context, values: Mapping[str, str]) -> str:
     kept = [(name, value) for name, value in context["query"] if name not in values]
     asked = urlencode([*kept, *((name, value) for name, value in values.items() if value)], safe=",:")
     return f"?{asked}" if asked else str(context["path"])
+
+
+def written_crafts(names: Iterable[str]) -> str:
+    """Names of spacecraft, in the same order on every page."""
+    known = {name: place for place, name in enumerate(OBSERVATORIES)}
+    return ", ".join(sorted(names, key=lambda name: (known.get(name, len(known)), name)))
 
 
 def written_interval(parameter: Mapping[str, Any] | None, digits: int = 1) -> str:

@@ -1,7 +1,6 @@
 """What the replies hold. Every time is UTC, every position HEE in solar radii."""
 
 from collections.abc import Sequence
-from dataclasses import asdict
 from datetime import date, datetime
 from functools import lru_cache
 from typing import Any, Literal
@@ -33,7 +32,7 @@ class RetractionReply(Reply):
     @classmethod
     def of(cls, retracted: Retraction | None) -> "RetractionReply | None":
         """Reply for a retraction; None where there is none."""
-        return None if retracted is None else cls(**asdict(retracted))
+        return None if retracted is None else cls(**vars(retracted))
 
 
 class SourceReply(Reply):
@@ -224,7 +223,7 @@ class BurstReply(Reply):
         if burst.retracted:
             said["sentence"] = f"retracted: {burst.retracted.reason}"
         chosen = kept and PreferenceReply(
-            **asdict(kept.series), chosen_by=kept.chosen_by, reason=kept.reason, chosen_utc=kept.chosen_utc
+            **vars(kept.series), chosen_by=kept.chosen_by, reason=kept.reason, chosen_utc=kept.chosen_utc
         )
         return cls(
             **{name: said[name] for name in ("grade", "tier", "sentence")},

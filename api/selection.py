@@ -4,7 +4,6 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from urllib.parse import urlencode
 
-from api.addresses import burst_links
 from api.links import linked
 from api.queries import NEWEST_FIRST, BurstSelection
 from bella.catalogue import BurstSummary, Catalogue
@@ -67,7 +66,9 @@ def _marked(summary: BurstSummary) -> Marked:
     said = f"{burst.burst_id}: {answer.sentence if answer else 'no answer'}"
     longitude = _estimate(answer.phi0_deg, answer.phi0_low_deg, answer.phi0_high_deg) if answer else None
     wind = _estimate(answer.v_sw_km_s, answer.v_sw_low_km_s, answer.v_sw_high_km_s) if answer else None
-    return Marked(burst.start_utc, longitude, wind, answer.grade if answer else "D", said, burst_links(burst)["page"])
+    return Marked(
+        burst.start_utc, longitude, wind, answer.grade if answer else "D", said, linked(f"/bursts/{burst.burst_id}")
+    )
 
 
 def _estimate(value: float | None, low: float | None, high: float | None) -> Estimate | None:

@@ -2,21 +2,28 @@
 
 import math
 import time
+from datetime import datetime
 from functools import lru_cache, partial
 from threading import Lock
 from typing import Annotated
 
 import xarray as xr
+from cachetools import LRUCache
 from fastapi import Depends, Request
 from starlette.concurrency import run_in_threadpool
 
-from bella.catalogue import Catalogue, Solution
+from api.links import linked
+from api.schemas import BurstReply
+from bella.catalogue import Burst, BurstSummary, Catalogue, Solution
 from bella.exceptions import BellaError, NoDataError
+from bella.pipeline.page_figures import FirstLook, first_look_path, kept_first_look
 from bella.settings import Settings
 from bella.store import open_group, open_tree
 
 POSTERIORS_KEPT = 64
 SPECTRA_KEPT = 4
+TEXTS_BYTES = 64_000_000
+"""Of the JSON of bursts in lists that is kept."""
 
 
 class Service:
@@ -39,6 +46,8 @@ class Service:
         """Streams of alerts that are open."""
         self._looking = Lock()
         self._newest_alert, self._looked_s = 0, -math.inf
+        self._writing = Lock()
+        self._texts = LRUCache[tuple[str, str, datetime | None], str](TEXTS_BYTES, getsizeof=len)
         self._posterior = lru_cache(POSTERIORS_KEPT)(partial(open_group, settings.store_root))
         self._spectra = lru_cache(SPECTRA_KEPT)(partial(open_tree, settings.store_root))
 
@@ -64,6 +73,17 @@ class Service:
         except BellaError:
             return None
 
+    def burst_text(self, summary: BurstSummary) -> str:
+        """JSON of a burst as it stands in lists: kept until something of it changes, one for each prefix of links."""
+        key = (linked(""), summary.burst.burst_id, summary.burst.updated_utc)
+        with self._writing:
+            text: str | None = self._texts.get(key)
+        if text is None:
+            text = BurstReply.of(summary).model_dump_json()
+            with self._writing:
+                self._texts[key] = text
+        return text
+
     def newest_alert(self, age_s: float) -> int:
         """Sequence number of the newest alert, looked up unless it was within so many seconds."""
         with self._looking:
@@ -80,6 +100,10 @@ class Service:
             If it is missing or damaged.
         """
         return self._posterior(solution.store_path)
+
+    def first_look(self, burst: Burst, solution: Solution) -> FirstLook | None:
+        """What was drawn of an answer when it was published; None where that is not kept, or no longer what it was."""
+        return kept_first_look(first_look_path(burst, solution, self.settings))
 
     def spectra(self, burst_id: str, store_path: str | None) -> xr.DataTree:
         """Spectra of a burst, one child per observatory.

@@ -41,7 +41,7 @@ JSON = FORMATS["json"]
 FRAME = {"frame": "HEE, solar radii; times UTC", "remark": APPARENT_SOURCE}
 PAGE = 1000
 MOST_BURSTS = 20_000
-"""In one reply that is made in memory, as most formats have to be."""
+"""In one reply that is made in memory, as CDF and TFCat have to be."""
 
 
 class BurstTableFilter(BurstFilter):
@@ -71,7 +71,10 @@ class BurstTableFilter(BurstFilter):
             return catalogue.bursts(self.query())
         bursts = tuple(islice(all_bursts(catalogue, self.query()), MOST_BURSTS + 1))
         if len(bursts) > MOST_BURSTS:
-            raise InputError(f"limit: more than {MOST_BURSTS} bursts in one reply; ask for a shorter time")
+            others = ", ".join(one.name for one in FORMATS.values() if one.pieces)
+            raise InputError(
+                f"limit: more than {MOST_BURSTS} bursts in one reply; ask for a shorter time, or for {others}"
+            )
         return BurstPage(bursts, None, len(bursts))
 
     def is_streamed(self, chosen: Format) -> bool:

@@ -19,7 +19,7 @@ EXTRA_OF = {
     "pymc": "reference",
     "radiospectra": "radiospectra",
     "sqlalchemy": "service",
-    "typst": "service",
+    "typst": "plot",
     "uvicorn": "service",
     "zarr": "zarr",
 }

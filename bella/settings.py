@@ -12,11 +12,8 @@ from pydantic_settings import BaseSettings, SettingsConfigDict
 from bella.exceptions import InputError
 from bella.records import Origin
 
-FIT_FIGURES = ("polar-fit", "density")
-"""Names of the figures that every solution has of its track."""
-
 WIND_FIGURE = "wind"
-"""Name of the one that a solution has where the wind was measured."""
+"""Name of the figure that a solution has where the wind was measured."""
 
 COLLAPSED_FIGURE = "shared-profile"
 """Name of the one that a solution has where its edge is the shared profile."""
@@ -168,10 +165,19 @@ class Settings(BaseSettings):
         """Folder of the figures, one folder per burst in it, and one for the days."""
         return self.home / "figures"
 
-    def fit_figure(self, burst_id: str, solution_id: str, name: str) -> Path:
-        """File of one of `FIT_FIGURES`, `WIND_FIGURE` or `COLLAPSED_FIGURE`, which like its solution never changes."""
+    def solution_figure(self, burst_id: str, solution_id: str, name: str) -> Path:
+        """File of `WIND_FIGURE` or `COLLAPSED_FIGURE` as it is drawn, which like its solution never changes."""
         series = solution_id.removeprefix(f"{burst_id}.")
-        return self.figures_root / burst_id / f"{name}-{series}.png"
+        return self.figures_root / burst_id / f"{name}-{series}.svg"
+
+    def fit_figure(self, burst_id: str, solution_id: str, name: str) -> Path:
+        """The same as a picture."""
+        return self.solution_figure(burst_id, solution_id, name).with_suffix(".png")
+
+    def first_look(self, burst_id: str, solution_id: str, drawn_from: str) -> Path:
+        """File of what the page of a burst shows of a solution at first; `drawn_from` is a digest."""
+        series = solution_id.removeprefix(f"{burst_id}.")
+        return self.figures_root / burst_id / f"page-{series}-{drawn_from}.z"
 
     def day_figure(self, day: date, origin: Origin = Origin.ARCHIVE) -> Path:
         """File of the figure of a searched day in data of an origin, drawn again whenever it is searched again."""

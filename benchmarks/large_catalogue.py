@@ -32,7 +32,7 @@ from sqlalchemy import (
     text,
 )
 
-from bella.catalogue import Catalogue
+from bella.catalogue import BurstQuery, Catalogue
 from bella.catalogue.engine import connect, parse_url
 from bella.catalogue.models import (
     AlertRow,
@@ -50,6 +50,8 @@ from bella.catalogue.models import (
     UtcTime,
     table_of,
 )
+from bella.pipeline.page_figures import first_look_path
+from bella.pipeline.rows import all_bursts
 from bella.settings import Settings
 
 LOCALISATIONS = 1_000_000
@@ -124,6 +126,7 @@ def fill(settings: Settings, template: Path, localisations: int = LOCALISATIONS)
     known.dispose()
     burst_ids = tuple(str(one["burst_id"]) for one in clones)
     _link_groups(settings.store_root, template, burst_ids)
+    _link_figures(settings, template)
     days = tuple(dict.fromkeys(_start(one).date() for one in clones))
     return Large(burst_ids, days, each * (len(clones) + 1))
 
@@ -261,3 +264,15 @@ def _link_groups(store: Path, template: Path, burst_ids: tuple[str, ...]) -> Non
     shutil.copytree(real, store / _REAL)
     for burst_id in burst_ids:
         (store / burst_id).symlink_to(_REAL)
+
+
+def _link_figures(settings: Settings, template: Path) -> None:
+    """Let all bursts have what was drawn of the real one when it was published."""
+    with Catalogue.open(settings.catalogue_url) as catalogue:
+        for summary in all_bursts(catalogue, BurstQuery(limit=1000)):
+            for solution in summary.solutions:
+                path = first_look_path(summary.burst, solution, settings)
+                path.parent.mkdir(parents=True, exist_ok=True)
+                series = solution.solution_id.removeprefix(f"{summary.burst.burst_id}.")
+                (drawn,) = (Settings(home=template).figures_root / _REAL).glob(f"page-{series}-*")
+                path.symlink_to(drawn.resolve())

@@ -20,11 +20,13 @@ from dataclasses import dataclass
 from datetime import timedelta
 from pathlib import Path
 
+import aiohttp
 import httpx
 import numpy as np
 import psutil
 from rich.console import Console
 from rich.table import Table
+from yarl import URL
 
 from bella.settings import Settings
 from benchmarks import history
@@ -210,18 +212,22 @@ async def mixed(service: Served, some: Sequence[Kind], requests: int, rate_hz: f
     refused = 0
     tags: dict[str, str] = {}
     waiting: set[asyncio.Task[None]] = set()
-    limits = httpx.Limits(max_connections=200, max_keepalive_connections=50)
-    async with httpx.AsyncClient(base_url=service.url, timeout=TIMEOUT_S, trust_env=False, limits=limits) as client:
+    # the time of the generator counts, too: replies are taken as they come
+    connector, timeout = aiohttp.TCPConnector(limit=200), aiohttp.ClientTimeout(TIMEOUT_S)
+    async with aiohttp.ClientSession(
+        service.url, connector=connector, timeout=timeout, auto_decompress=False, trust_env=False
+    ) as client:
 
         async def _ask(kind: Kind, due_s: float) -> None:
             nonlocal refused
             address = kind.address(rng)
             headers = {"If-None-Match": tags[address]} if kind.is_known and address in tags else {}
             try:
-                reply = await client.get(address, headers=headers)
-                good = reply.status_code in {200, 304}
+                async with client.get(URL(address, encoded=True), headers=headers) as reply:
+                    await reply.read()
+                good = reply.status in {200, 304}
                 tags.setdefault(address, reply.headers.get("etag", ""))
-            except httpx.HTTPError:
+            except (aiohttp.ClientError, TimeoutError):
                 good = False
             refused += not good
             latencies[kind.name].append(time.perf_counter() - due_s)

@@ -40,7 +40,7 @@ from bella.simulation.day import Scene, observe_scene
 from bella.simulation.instruments import instruments
 from bella.simulation.sky import Conditions
 from bella.simulation.strata import isolated_burst
-from bella.store import open_group
+from bella.store import SUFFIX, open_group
 from benchmarks.services import Services
 
 BELLA = str(Path(sys.executable).with_name("bella"))
@@ -373,7 +373,7 @@ def half_published(home: Home) -> list[str]:
             spectra = catalogue.burst(one.burst_id).burst.spectra_path
             try:
                 open_group(home.settings.store_root, one.store_path, sha256=one.store_sha256)
-                if spectra is not None and not (home.settings.store_root / spectra).is_dir():
+                if spectra is not None and not (home.settings.store_root / spectra).is_file():
                     bad.append(f"{one.solution_id}: spectra")
             except BellaError as error:
                 bad.append(f"{one.solution_id}: {error}")
@@ -388,7 +388,7 @@ def orphans(home: Home) -> list[str]:
         sweep_store(catalogue, settings, "replay")
         known = catalogue.referenced_paths()
     root = home.settings.store_root
-    groups = [path.relative_to(root) for path in root.glob("*/*.zarr")]
+    groups = [path.relative_to(root) for path in root.glob(f"*/*{SUFFIX}")]
     return sorted(str(path) for path in groups if str(path) not in known)
 
 

@@ -1,6 +1,7 @@
 """Commands of the operator: tokens, webhooks, retractions, origins and pruning."""
 
 import json
+import zipfile
 from collections.abc import Callable
 from pathlib import Path
 
@@ -13,7 +14,7 @@ from bella.cli import app
 from bella.exceptions import BellaError
 from bella.records import Origin
 from bella.settings import Settings
-from tests.api.published import publish_many, published, settings_of, synthetic_burst
+from tests.api.published import publish_event, publish_many, published, settings_of, synthetic_burst
 from tests.plotting.synthetic import BURST_ID
 
 Command = Callable[..., Result]
@@ -110,7 +111,7 @@ def test_what_is_retracted_is_listed_only_when_asked_for(bella: Command, setting
     assert row["solutions"] == [solution.solution_id]
     again = fault_of(bella("catalogue", "retract", BURST_ID, "--reason", "again"))
     assert "was retracted on" in str(again)
-    assert (settings.store_root / solution.store_path).is_dir()
+    assert (settings.store_root / solution.store_path).is_file()
 
 
 def test_data_that_are_not_real_are_listed_only_when_asked_for(bella: Command, settings: Settings) -> None:
@@ -188,7 +189,35 @@ def test_pruning_takes_the_draws_of_superseded_solutions_alone(bella: Command, s
     assert after.attrs == before.attrs
     assert (after["arrival_s"] == before["arrival_s"]).all()
     assert not (settings.store_root / old.store_path).exists()
-    assert (settings.store_root / new.store_path).is_dir()
+    assert (settings.store_root / new.store_path).is_file()
+
+
+def test_groups_of_older_versions_become_files_and_nothing_else_changes(bella: Command, settings: Settings) -> None:
+    from bella.store import open_group, sweep
+
+    with Catalogue.open(settings.catalogue_url) as catalogue:
+        solutions = publish_event(settings, catalogue)
+        before = catalogue.stored_groups()
+        assert len(before) == 3
+        for path in (one.store_path for one in before):
+            folder = path.removesuffix(".zip")
+            with zipfile.ZipFile(settings.store_root / path) as packed:
+                packed.extractall(settings.store_root / folder)
+            (settings.store_root / path).unlink()
+            catalogue.note_packed(path, folder)
+        assert catalogue.referenced_paths() == {one.store_path.removesuffix(".zip") for one in before}
+        fault = fault_of(bella("store", "verify"))
+        assert (fault.exit_code, "3 of 3 groups are damaged" in str(fault)) == (1, True)
+        assert "run `bella store pack` once" in bella("store", "verify", "--json").output
+        said = bella("store", "pack").output.splitlines()[-1]
+        assert said.startswith("3 of 3 groups were folders and are files now")
+        assert catalogue.stored_groups() == before
+        assert [catalogue.solution(one.solution_id) for one in solutions] == solutions
+        assert "0 of 3 groups were folders" in bella("store", "pack").output
+        assert "3 groups in " in bella("store", "verify").output
+        assert open_group(settings.store_root, before[0].store_path, before[0].sha256).sizes["draw"] > 0
+        swept = sweep(settings.store_root, catalogue.referenced_paths(), 0.0)
+    assert set(swept) == {one.store_path.removesuffix(".zip") for one in before}
 
 
 @pytest.mark.parametrize("text", ["", "180", "-1d", "1.5d", "for ever"])

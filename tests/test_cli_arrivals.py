@@ -76,8 +76,8 @@ def test_figures_are_drawn(files: list[str], tmp_path: Path) -> None:
     assert result.exit_code == 0, result.output
     assert {path.name for path in (tmp_path / "figures").iterdir()} == {
         "aligned.svg",
-        "light_curves.png",
-        "shared_profile.png",
+        "light_curves.svg",
+        "shared_profile.svg",
     }
     root = parsed((tmp_path / "figures" / "aligned.svg").read_text())
     (drawn,) = of_class(root, "spectra")

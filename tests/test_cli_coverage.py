@@ -51,7 +51,7 @@ def test_map_and_figure_of_the_fleet_at_a_time(tmp_path: Path) -> None:
     result = coverage(*EVENT, "--output", tmp_path / "map.nc", "--size", 21)
     assert result.exit_code == 0, result.output
     assert "Left out, not in the ephemeris at this time: PSP, SOLO" in result.output
-    assert {path.name for path in tmp_path.iterdir()} == {"map.nc", "map.png"}
+    assert {path.name for path in tmp_path.iterdir()} == {"map.nc", "map.svg"}
     sky = read(tmp_path / "map.nc")
     assert list(sky["observatory"].to_numpy()) == ["WIND", "STEREO-A", "STEREO-B"]
     assert list(sky["sigma_s"].to_numpy()) == [60.0, 38.05, 38.05]
@@ -76,8 +76,8 @@ def test_exact_map_from_a_table_of_positions(table: Path, tmp_path: Path) -> Non
     assert sky["receiver_rsun"].sel(observatory="TWO", xyz="z").item() == 3.0
     assert np.isfinite(sky["exact_sd_x_rsun"]).all()
     assert sky.attrs["epoch"] == "not stated"
-    assert picture.is_file()
-    assert not (tmp_path / "map.png").exists()
+    assert picture.read_bytes().startswith(b"\x89PNG")
+    assert not (tmp_path / "map.svg").exists()
 
 
 @pytest.mark.parametrize(
@@ -146,6 +146,7 @@ BAD_OPTIONS = {
     "size 1": ((*EVENT, "--size", "1"), "2 to 2000"),
     "size 2001": ((*EVENT, "--size", "2001"), "2 to 2000"),
     "preset": ((*EVENT, "--preset", "best"), "'best' is not known"),
+    "figure of another kind": ((*EVENT, "--figure", "map.jpg"), "ends with none of .svg, .png and .pdf"),
     "figure without folder": ((*EVENT, "--figure", "nowhere/map.png"), "folder nowhere does not exist"),
 }
 
@@ -159,7 +160,7 @@ def test_bad_options_are_refused_in_one_line(name: str, tmp_path: Path) -> None:
 
 @pytest.mark.parametrize(
     ("output", "reason"),
-    [("nowhere/map.nc", "make it or name another --output"), ("map.png", "would both be"), (".", "is a folder")],
+    [("nowhere/map.nc", "make it or name another --output"), ("map.svg", "would both be"), (".", "is a folder")],
 )
 def test_bad_outputs_are_refused_before_any_work(output: str, reason: str, tmp_path: Path) -> None:
     assert reason in refused(*EVENT, "--output", tmp_path / output)
@@ -170,6 +171,7 @@ BAD_TABLES = {
     "missing column": ("observatory,x_rsun,y_rsun", ["A,1,2"], "column z_rsun is missing"),
     "NaN": (None, [*ROWS, "D,nan,0,0"], "row 4, column x_rsun: 'nan' is not a number"),
     "empty": (None, [*ROWS, "D,1,,0"], "row 4, column y_rsun: '' is not a number"),
+    "nameless": (None, [*ROWS, ",1,0,0"], "row 4, column observatory: '' is empty; every row needs a name"),
     "word": (None, [*ROWS, "D,1,0,up"], "row 4, column z_rsun: 'up' is not a number"),
     "twice": (None, [*ROWS, "B,1,0,0"], "row 4, column observatory: 'B' occurs twice"),
     "no name": (None, [*ROWS, " ,1,0,0"], "row 4, column observatory: '' is empty"),

@@ -170,7 +170,7 @@ def test_killed_worker_loses_nothing_and_doubles_nothing(running: Running) -> No
             versions = catalogue.versions(burst)
             assert {solution.version for solution in versions} == {1}
             assert len(versions) == (4 if burst == EVENT.burst_id else 1)
-        assert [path for path in catalogue.referenced_paths() if not (running.home / "store" / path).is_dir()] == []
+        assert [path for path in catalogue.referenced_paths() if not (running.home / "store" / path).is_file()] == []
 
 
 def test_api_answers_while_prefect_is_away_and_the_worker_catches_up(running: Running) -> None:

@@ -1,20 +1,23 @@
 """The page of one burst: its answer and figures first, then other answers, how sure it is, and all that is kept."""
 
-from typing import Any
+from typing import Any, Literal
 from urllib.parse import urlencode
 
-from fastapi import APIRouter, Request
+from fastapi import APIRouter, Request, Response
 from fastapi.responses import HTMLResponse
 from markupsafe import Markup
 
 from api.addresses import burst_links, day_links
 from api.calibration import calibration_of
 from api.drawing import BurstView, Looked
-from api.links import site_url
+from api.freshness import file_tag, tag_of
+from api.links import linked, site_url
+from api.pages.days import place_of
 from api.pages.track import track_page
 from api.queries import CHOICES
 from api.rendering import render, series_query, written_interval
 from api.routers.bursts import versions_of
+from api.routers.figures import METHOD, file_reply
 from api.routers.solutions import sources_of
 from api.schemas import SolutionReply
 from api.service import CatalogueHere, ServiceHere
@@ -23,8 +26,17 @@ from bella.catalogue import Burst, Catalogue, Solution
 from bella.exceptions import NoDataError
 from bella.flags import APPARENT_SOURCE, HARMLESS_FLAGS
 from bella.formats import FORMATS
-from bella.plotting import selected_regions
+from bella.plotting import (
+    Caption,
+    Kind,
+    exported,
+    origin_warning,
+    selected_regions,
+    shared_profile_caption,
+    wind_map_caption,
+)
 from bella.records import REAL_ORIGINS, Origin, origins_beside
+from bella.settings import WIND_FIGURE
 
 router = APIRouter(include_in_schema=False)
 
@@ -82,6 +94,29 @@ def burst_page(request: Request, burst_id: str, service: ServiceHere, catalogue:
     )
 
 
+@router.get("/solutions/{solution_id}/figures/{name}.{kind}")
+def solution_figure(
+    request: Request, solution_id: str, name: Literal["wind", "shared-profile"], kind: Kind, service: ServiceHere
+) -> Response:
+    """A figure that the run has drawn of a solution, as a file with its caption.
+
+    Raises
+    ------
+    NoDataError
+        If it was not drawn.
+    """
+    catalogue = service.catalogue()
+    burst = catalogue.burst(catalogue.solution(solution_id).burst_id).burst
+    path = service.settings.solution_figure(burst.burst_id, solution_id, name)
+    if not path.is_file():
+        raise NoDataError(f"{name} of {solution_id} is not drawn: run the burst again")
+    text = wind_map_caption() if name == WIND_FIGURE else shared_profile_caption()
+    source = f"Cite: BELLA service, {site_url(request)}{linked(f'/api/v1/solutions/{solution_id}')}; {METHOD}"
+    caption = Caption(text, f"Burst {burst.burst_id}. {source}", origin_warning(burst.origin))
+    made = exported(path.read_text(encoding="utf-8"), caption, kind)
+    return file_reply(made, kind, f"{burst.burst_id}_{name}", tag_of((), file_tag(path), kind))
+
+
 def _spectra(looked: Looked) -> tuple[Markup | None, str]:
     """Figure of the spectra, or why there is none."""
     try:
@@ -92,14 +127,10 @@ def _spectra(looked: Looked) -> tuple[Markup | None, str]:
 
 def _channel(looked: Looked) -> dict[str, Any]:
     """Channels of the answer that is shown, and the numbers of the one that is chosen."""
-    group = looked.posterior
-    if group is None:
-        return {"channels": [], "channel": 0, "numbers": None}
-    channels = sorted(float(one) for one in group["frequency"].to_numpy())
-    wanted = looked.view.frequency
-    if wanted is None:
+    channels, wanted = looked.channels(), looked.view.frequency
+    if wanted is None or not channels or looked.answer is None:
         return {"channels": channels, "channel": len(channels) // 2, "numbers": None}
-    found = selected_regions(group, wanted)
+    found = selected_regions(looked.answer.posterior, wanted)
     channel = min(range(len(channels)), key=lambda index: abs(channels[index] - found["frequency_mhz"]))
     distance = written_interval({"mean": found["range_rsun"], "sd": found["range_sd_rsun"]})
     longitude = written_interval({"mean": found["longitude_deg"], "sd": found["longitude_sd_deg"]})
@@ -133,7 +164,7 @@ def _downloads(
 
 
 def _day_page(catalogue: Catalogue, burst: Burst) -> str | None:
-    """Address of the page of the day of a burst; None where that was not searched in data of its origin."""
+    """Address of a burst on the page of its day; None where that was not searched in data of its origin."""
     day, origins = burst.start_utc.date(), tuple(origins_beside(burst.origin))
     known = catalogue.searched_day(day, REAL_ORIGINS if burst.origin in REAL_ORIGINS else origins)
-    return day_links(day, known.origin)["page"] if known else None
+    return place_of(day_links(day, known.origin)["page"], burst.burst_id) if known else None

@@ -13,7 +13,6 @@ from pydantic import ValidationError
 
 from api.addresses import burst_links
 from api.asking import asked_of, fault_words
-from api.drawing import places_of
 from api.queries import NEWEST_FIRST, BurstFilter
 from api.rendering import render
 from api.selection import sector_address, selection_of, selection_query
@@ -22,6 +21,7 @@ from bella.answer import GRADES
 from bella.catalogue import BurstPage, BurstQuery, BurstSummary, Catalogue
 from bella.exceptions import InputError, NoDataError
 from bella.flags import FLAGS, HARMLESS_FLAGS
+from bella.pipeline.page_figures import places_of
 from bella.plotting import thumbnail
 from bella.records import ALL_ORIGINS, REAL_ORIGINS, Origin
 from bella.spacecraft import OBSERVATORIES
@@ -48,6 +48,9 @@ NUMBERS = {
     "frequency": "Frequency (MHz)",
     "area": "68 % area (R☉²)",
 }
+FURTHER = ("observatory", "without_flag", "origin", *(f"{name}_{end}" for name in NUMBERS for end in ("min", "max")))
+"""Names of the query that are below the first line of the form."""
+
 FARTHEST = 1.3
 """Of the answer: positions farther out are of channels that say nothing."""
 
@@ -85,7 +88,7 @@ def list_page(request: Request, catalogue: CatalogueHere) -> HTMLResponse:
         recent=_recent(),
         sorts=SORTS,
         numbers=NUMBERS,
-        more=any(asked.get(f"{name}_{end}") for name in NUMBERS for end in ("min", "max")),
+        more=any(asked.get(name) for name in FURTHER),
         harmless=HARMLESS_FLAGS,
         grades=GRADES,
         base_url=str(request.base_url).rstrip("/"),

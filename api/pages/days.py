@@ -1,37 +1,59 @@
 """Time: searched days from years to hours on one calendar, and the page of a day with all that was found on it."""
 
+import hashlib
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 from datetime import UTC, date, datetime, time, timedelta
+from html import escape
 from itertools import groupby
 from pathlib import Path
 from typing import Any
+from urllib.parse import quote
 
-from fastapi import APIRouter, Request
+from fastapi import APIRouter, Request, Response
 from fastapi.responses import HTMLResponse
 from markupsafe import Markup
 from pydantic import ValidationError
 
 from api.addresses import day_links
 from api.asking import asked_of, fault_words
-from api.links import linked
+from api.freshness import tag_of
+from api.links import linked, site_url
 from api.queries import DayFilter
 from api.rendering import render
+from api.routers.figures import file_reply
 from api.service import CatalogueHere, ServiceHere
 from api.wording import NOT_COMPARED, answer_words
 from bella.catalogue import BurstQuery, Catalogue, DayPage, DaySummary, Detection, DetectionQuery, ObservedDay
 from bella.exceptions import InputError, NoDataError
 from bella.flags import LOCALISABLE, REJECTED
-from bella.plotting import DayMark, OnsetMark, calendar_figure, strips_figure
+from bella.plotting import (
+    Caption,
+    DayMark,
+    Kind,
+    OnsetMark,
+    calendar_caption,
+    calendar_figure,
+    exported,
+    origin_warning,
+    strips_figure,
+    zoomed_day,
+)
 from bella.records import ALL_ORIGINS, REAL_ORIGINS, DayAnswer, Origin, origins_asked
 from bella.times import parse_day
+from bella.units import DAY_S
 
 router = APIRouter(include_in_schema=False)
 
 FIELDS = ("from", "to", "limit", "origin")
 AROUND = timedelta(hours=1)
 """A burst keeps the onset under which it was first published; later data may move it past midnight."""
+
+HOURS_SHOWN = ("00:00,06:00", "06:00,12:00", "12:00,18:00", "18:00,24:00")
+TIMES_OF_DAY = re.compile(r"([01]\d|2[0-4]):([0-5]\d),([01]\d|2[0-4]):([0-5]\d)")
+LEAST_SHOWN_S = 600.0
+"""Of the spectra of a day, whose picture is two minutes fine."""
 
 MOST_STRIPS = 31
 """So many days or fewer are shown by the hour, more by the day."""
@@ -63,6 +85,7 @@ def days_page(request: Request, catalogue: CatalogueHere) -> HTMLResponse:
         status=422 if fault else 200,
         months=_months(page.days) if page else [],
         figure=_figure(catalogue, page, asked) if page and page.days else None,
+        calendar_query=f"?{request.url.query}" if request.url.query else "",
         answers=list(DayAnswer),
         page=page,
         fault=fault,
@@ -115,11 +138,40 @@ def _onsets(catalogue: Catalogue, first: date, last: date, origins: tuple[Origin
             continue
         is_localised = one.tier == LOCALISABLE
         links = day_links(one.start_utc.date(), one.origin)
-        address = linked(f"/bursts/{one.burst_id}") if is_localised else f"{links['page']}#{one.burst_id}"
+        address = linked(f"/bursts/{one.burst_id}") if is_localised else place_of(links["page"], one.burst_id)
         verdict = "localised" if is_localised else one.reason.replace("_", " ")
         said = f"{one.burst_id or one.observatory}, {one.start_utc:%H:%M}, {verdict}"
         marks.setdefault(one.burst_id or str(number), OnsetMark(one.start_utc, is_localised, said, address))
     return list(marks.values())
+
+
+@router.get("/days/calendar.{kind}")
+def calendar_file(request: Request, kind: Kind, catalogue: CatalogueHere) -> Response:
+    """Calendar of the days of the query of the address as a file with its caption.
+
+    Raises
+    ------
+    InputError
+        If the query cannot be read.
+    NoDataError
+        If no day of it was searched.
+    """
+    asked = asked_of(request)
+    page, _, fault = _answer(catalogue, asked)
+    if page is None:
+        raise InputError(fault or "the query cannot be read")
+    if not page.days:
+        raise NoDataError("no day of this range was searched: ask for another one")
+    days = [one.searched.day for one in page.days]
+    unreal = next((one.searched.origin for one in page.days if one.searched.origin not in REAL_ORIGINS), None)
+    query = f"?{request.url.query}" if request.url.query else ""
+    caption = Caption(
+        calendar_caption(min(days), max(days)),
+        f"BELLA service, {site_url(request)}{linked('/days')}{query}.",
+        origin_warning(unreal) if unreal else "",
+    )
+    made = exported(_figure(catalogue, page, asked), caption, kind)
+    return file_reply(made, kind, f"bella_days_{min(days)}_{max(days)}", tag_of((), hashlib.sha256(made).hexdigest()))
 
 
 @router.get("/days/{day}")
@@ -140,7 +192,8 @@ def day_page(request: Request, day: str, service: ServiceHere, catalogue: Catalo
     figure, _, tail = links["figure"].partition("?")
     bursts = _shown_bursts(found, _with_page(catalogue, wanted))
     rejected = [one for one in found if one.tier == REJECTED]
-    part, parts = _part(request, len(bursts))
+    part, parts = _part(request, bursts)
+    span = _span(request.query_params.get("t") or "")
     return render(
         request,
         "day.html",
@@ -153,7 +206,9 @@ def day_page(request: Request, day: str, service: ServiceHere, catalogue: Catalo
         origin=origins[0],
         is_real=origins[0] in REAL_ORIGINS,
         beside=[one and day_links(one, origins[0])["page"] for one in (before, after)],
-        drawn=_drawn(drawn, bursts, part) if drawn.is_file() else None,
+        drawn=_drawn(drawn, bursts, part, links["page"], span) if drawn.is_file() else None,
+        span=request.query_params.get("t") if span else "",
+        hours=HOURS_SHOWN,
         bursts=bursts[part * BURSTS_PER_PART : (part + 1) * BURSTS_PER_PART],
         total=len(bursts),
         part=part,
@@ -166,29 +221,49 @@ def day_page(request: Request, day: str, service: ServiceHere, catalogue: Catalo
     )
 
 
-def _part(request: Request, bursts: int) -> tuple[int, int]:
-    """Which part of the bursts of a day is asked for, counted from 0, and how many there are.
+def place_of(page: str, burst_id: str) -> str:
+    """Address of a burst on the page of its day, whose address is given, in whatever part of the day it is."""
+    joint = "&" if "?" in page else "?"
+    return f"{page}{joint}burst={quote(burst_id)}#{burst_id}"
+
+
+def _part(request: Request, bursts: Sequence[ShownBurst]) -> tuple[int, int]:
+    """Which part of the bursts of a day is asked for, or holds a burst, counted from 0, and how many there are.
 
     Raises
     ------
     InputError
         Where there is no such part.
     """
-    parts, asked = -(-bursts // BURSTS_PER_PART), request.query_params.get("part") or "1"
+    parts, asked = -(-len(bursts) // BURSTS_PER_PART), request.query_params.get("part")
+    if not asked:
+        wanted = request.query_params.get("burst") or None
+        place = next((index for index, one in enumerate(bursts) if one.burst_id == wanted), 0)
+        return place // BURSTS_PER_PART, parts
     if not (asked.isascii() and asked.isdigit() and 1 <= int(asked[:6]) <= max(parts, 1)):
         raise InputError(f"part: give a number from 1 to {max(parts, 1)}")
     return int(asked) - 1, parts
 
 
-def _drawn(path: Path, bursts: Sequence[ShownBurst], part: int) -> Markup:
-    """Figure of a day, whose boxes lead to the part that tells of their burst."""
+def _span(text: str) -> tuple[float, float] | None:
+    """Seconds after midnight of two times of day; None where they cannot be read: a cut link still shows the day."""
+    found = TIMES_OF_DAY.fullmatch(text)
+    if not found:
+        return None
+    first, last = (3600.0 * int(found[one]) + 60.0 * int(found[one + 1]) for one in (1, 3))
+    return (first, min(last, DAY_S)) if first + LEAST_SHOWN_S <= min(last, DAY_S) else None
+
+
+def _drawn(path: Path, bursts: Sequence[ShownBurst], part: int, page: str, span: tuple[float, float] | None) -> Markup:
+    """Figure of a day or a part of it, whose boxes lead to the part that tells of their burst."""
     places = {one.burst_id: index // BURSTS_PER_PART for index, one in enumerate(bursts)}
 
     def _led(found: re.Match[str]) -> str:
-        place = places.get(found[1], part)
-        return found[0] if place == part else f'href="?part={place + 1}#{found[1]}"'
+        is_here = places.get(found[1], part) == part
+        return found[0] if is_here else f'href="{escape(place_of(page, found[1]))}"'
 
     text = path.read_text(encoding="utf-8")
+    text = zoomed_day(text, *span) if span else text
     return Markup(re.sub(r'href="#([^"]+)"', _led, text) if len(bursts) > BURSTS_PER_PART else text)  # noqa: S704
 
 

@@ -14,7 +14,7 @@ from api.service import CatalogueHere
 from bella.catalogue import Catalogue, ObservedDay
 from bella.exceptions import InputError, NoDataError
 from bella.records import Prediction
-from bella.spacecraft import OBSERVATORIES
+from bella.spacecraft import OBSERVATORIES, coverage
 
 router = APIRouter(include_in_schema=False)
 
@@ -54,6 +54,10 @@ def _answer(asked: dict[str, Any]) -> tuple[PlanningQuery | None, Prediction | N
     try:
         wanted = PlanningQuery.model_validate({name: value for name, value in asked.items() if value != ""})
         return wanted, wanted.prediction(), None
+    except NoDataError:
+        known = coverage("EARTH")
+        first, last = (str(one.astype("datetime64[D]")) for one in (known.start, known.stop))
+        return None, None, f"day: positions are known from {first} to {last}"
     except (InputError, ValidationError) as error:
         return None, None, fault_words(error)
 

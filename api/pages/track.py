@@ -4,18 +4,20 @@ import math
 from collections.abc import Mapping
 from typing import Any
 
-from api.addresses import figure_path
+from markupsafe import Markup
+
 from api.drawing import Looked
+from api.links import linked
 from bella.answer import interval_68
 from bella.catalogue import Solution
 from bella.flags import DISAGREE_SD
-from bella.settings import FIT_FIGURES, Settings
+from bella.settings import COLLAPSED_FIGURE, WIND_FIGURE, Settings
 from bella.units import within_half_turn_deg
 
 Fit = Mapping[str, Any]
 
 METHODS = ("joint", "fused", "two_step", "piecewise", "semp", "published")
-FIGURES = (*FIT_FIGURES, "wind", "shared-profile")
+FIGURES = (WIND_FIGURE, COLLAPSED_FIGURE)
 DOUBTS = frozenset({"several_tracks", "poor_fit", "poor_weights", "phi0_not_constrained", "ingredients_disagree"})
 """Flags with which the errors of a joint fit do not hold."""
 
@@ -37,21 +39,22 @@ def track_page(looked: Looked, settings: Settings) -> dict[str, Any]:
     """What the templates need for the track of the answer that is shown."""
     solution, track = looked.shown, looked.track
     if solution is None or not track.get("joint"):
-        return {"track": None, "fits": {}, "facts": {}, "fit_figures": []}
+        return {"track": None, "fits": {}, "facts": {}, "kept_figures": []}
     return {
         "track": track,
         "fits": fits_of(track),
         "facts": facts_of(track),
-        "fit_figures": _drawn(solution, settings),
+        "kept_figures": _kept(solution, settings),
     }
 
 
-def _drawn(solution: Solution, settings: Settings) -> list[tuple[str, str]]:
-    """Name and address of the figures that the run has drawn; a run may have been killed before it did."""
+def _kept(solution: Solution, settings: Settings) -> list[tuple[str, Markup, str]]:
+    """Name, drawing and address of the figures that the run has drawn; a run may have been killed before it did."""
+    paths = [(name, settings.solution_figure(solution.burst_id, solution.solution_id, name)) for name in FIGURES]
     return [
-        (name, figure_path(solution, name))
-        for name in FIGURES
-        if settings.fit_figure(solution.burst_id, solution.solution_id, name).is_file()
+        (name, Markup(path.read_text(encoding="utf-8")), linked(f"/solutions/{solution.solution_id}/figures/{name}"))  # noqa: S704
+        for name, path in paths
+        if path.is_file()
     ]
 
 

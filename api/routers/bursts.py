@@ -1,8 +1,10 @@
 """Bursts, their versions, tracks and posteriors."""
 
+import json
 import math
 from collections.abc import Iterable, Iterator
 from dataclasses import replace
+from functools import partial
 from typing import Annotated, Any
 
 from fastapi import APIRouter, Query, Request, Response
@@ -25,7 +27,7 @@ from api.schemas import (
     VersionsReply,
     said_of,
 )
-from api.service import CatalogueHere, ServiceHere
+from api.service import CatalogueHere, Service, ServiceHere
 from api.tables import (
     BURST_TABLE,
     JSON,
@@ -43,47 +45,47 @@ from bella.catalogue import BurstSummary, Catalogue, Localisation, Solution
 from bella.exceptions import NoDataError
 from bella.formats import LOCALISATIONS, localisation_csv, record_table
 from bella.formats.text import json_list
+from bella.pipeline.page_figures import summary_of
 from bella.pipeline.rows import localisation_rows
 from bella.plotting import edge_name, selected_regions
-from bella.plotting.geometry import significant
 
 router = APIRouter(prefix="/api/v1", tags=["bursts"])
 
 
 @router.get("/bursts", response_model=BurstsReply, responses=in_all_formats("One page of bursts.", BurstsReply))
-def bursts(
-    request: Request, response: Response, catalogue: CatalogueHere, wanted: Annotated[BurstTableFilter, Query()]
-) -> BurstsReply | Response:
+def bursts(request: Request, service: ServiceHere, wanted: Annotated[BurstTableFilter, Query()]) -> Response:
     """Bursts by what is said of them, the newest first unless `sort` says otherwise; as JSON or as a table."""
-    chosen = asked_format(request, wanted.format)
+    chosen, catalogue = asked_format(request, wanted.format), service.catalogue()
     if chosen is not JSON:
         return burst_table_reply(request, catalogue, wanted, chosen, BURST_TABLE)
     if wanted.is_streamed(chosen):
-        return whole_list(request, catalogue, wanted.query(), chosen, _whole_json, {})
-    response.headers.update({"Vary": "Accept"} | last_modified(catalogue.changed_utc("bursts")))
-    page = catalogue.bursts(wanted.query())
+        return whole_list(request, catalogue, wanted.query(), chosen, partial(_list_of, service), {})
+    with catalogue.snapshot():
+        page, changed = catalogue.bursts(wanted.query()), catalogue.changed_utc("bursts")
     following = next_address(request, page.next_cursor)
-    return BurstsReply(
-        bursts=[BurstReply.of(summary) for summary in page.bursts],
-        total=page.total,
-        returned=len(page.bursts),
-        truncated=following is not None,
-        next=following,
-    )
+    text = b"".join(_list_of(service, catalogue, page.bursts, page.total, following))
+    return Response(text, media_type=JSON.media_type, headers={"Vary": "Accept"} | last_modified(changed))
 
 
-def _whole_json(_: Catalogue, found: Iterable[BurstSummary]) -> Iterator[bytes]:
-    """A `BurstsReply` of all bursts, piece by piece."""
-    total = 0
+def _list_of(
+    service: Service,
+    _: Catalogue,
+    found: Iterable[BurstSummary],
+    total: int | None = None,
+    following: str | None = None,
+) -> Iterator[bytes]:
+    """A `BurstsReply` piece by piece; without a total, of all bursts."""
+    returned = 0
 
     def _items() -> Iterator[str]:
-        nonlocal total
+        nonlocal returned
         for summary in found:
-            total += 1
-            yield BurstReply.of(summary).model_dump_json()
+            returned += 1
+            yield service.burst_text(summary)
 
     yield from json_list('{"bursts":[', _items(), "]")
-    yield f',"total":{total},"returned":{total},"truncated":false,"next":null}}'.encode()
+    end = {"total": returned if total is None else total, "returned": returned}
+    yield b"," + json.dumps(end | {"truncated": following is not None, "next": following})[1:].encode()
 
 
 @router.get("/bursts/latest")
@@ -165,18 +167,15 @@ def posterior(
     catalogue = service.catalogue()
     summary = catalogue.burst(burst_id)
     solution = picked(catalogue, summary, choice)
-    group = service.posterior(solution)
+    look = service.first_look(summary.burst, solution)
+    held = look.posterior if look else summary_of(service.posterior(solution))
     response.headers.update(last_modified(summary.burst.updated_utc, solution.pruned_utc))
-    numbers = [str(name) for name, variable in group.variables.items() if variable.dims == ("frequency",)]
     return PosteriorReply(
         burst_id=burst_id,
         **said_of(solution),
         solution=SolutionReply.of(solution),
         zarr_url=str(request.base_url).rstrip("/") + zarr_path(solution),
-        draws=group.sizes.get("draw", 0),
-        units={_public(name): str(group[name].attrs.get("units", "")) for name in numbers},
-        summary={_public(name): _column(group[name].to_numpy()) for name in numbers},
-        attributes={str(name): _plain(value) for name, value in group.attrs.items()},
+        **vars(held),
     )
 
 
@@ -247,15 +246,3 @@ def _record(row: Localisation) -> dict[str, Any]:
         name: None if isinstance(value, float) and not math.isfinite(value) else value
         for name, value in columns.items()
     }
-
-
-def _public(name: str) -> str:
-    return "frequency_mhz" if name == "frequency" else name
-
-
-def _column(values: Any) -> list[Any]:
-    return significant(values, 7) if values.dtype.kind == "f" else values.tolist()
-
-
-def _plain(value: Any) -> Any:
-    return value.item() if hasattr(value, "item") and getattr(value, "ndim", 1) == 0 else value

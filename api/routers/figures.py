@@ -73,8 +73,7 @@ def burst_figure(
 ) -> Response:
     """Map of the track, spectra with the timed edges, distance and speed against frequency, or residuals."""
     burst, view = looked.summary.burst, looked.view
-    solutions, more = looked.tags()
-    tag = tag_of(solutions, name, kind, burst.retracted, *more)
+    tag = tag_of((), name, kind, *looked.tags())
     if is_known(request, tag):
         return not_modified(tag)
     drawn = getattr(looked, name)()

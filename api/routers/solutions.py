@@ -8,6 +8,7 @@ from fastapi.responses import FileResponse
 from api.calibration import CalibrationReply, calibration_of
 from api.freshness import IMMUTABLE, last_modified
 from api.queries import SolutionFilter, SolutionId, SourceFilter
+from api.ranges import ranged
 from api.schemas import (
     FileReply,
     FilesReply,
@@ -20,7 +21,7 @@ from api.service import CatalogueHere, ServiceHere
 from api.tables import next_address
 from bella.catalogue import Catalogue
 from bella.exceptions import NoDataError
-from bella.store import group_file
+from bella.store import file_of_group
 
 router = APIRouter(prefix="/api/v1", tags=["solutions"])
 
@@ -91,12 +92,12 @@ def sources_of(catalogue: Catalogue, solution_id: str) -> list[SourceReply]:
 
 @router.head("/solutions/{solution_id}/posterior.zarr/{key:path}", include_in_schema=False)
 @router.get("/solutions/{solution_id}/posterior.zarr/{key:path}", response_class=Response)
-def posterior_file(solution_id: SolutionId, key: str, service: ServiceHere) -> FileResponse:
+def posterior_file(solution_id: SolutionId, key: str, service: ServiceHere, request: Request) -> Response:
     """One file of the Zarr group of a solution; ``xarray.open_zarr`` takes this address without the key."""
     group = service.catalogue().solution(solution_id).store_path
-    path = group_file(service.settings.store_root, group, key)
-    kind = "application/json" if path.suffix == ".json" else "application/octet-stream"
-    return FileResponse(path, media_type=kind, headers={"Cache-Control": IMMUTABLE})
+    content = file_of_group(service.settings.store_root, group, key)
+    kind = "application/json" if key.endswith(".json") else "application/octet-stream"
+    return ranged(request, content, kind, {"Cache-Control": IMMUTABLE})
 
 
 @router.get(

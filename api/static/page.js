@@ -46,6 +46,13 @@ document.addEventListener("submit", (event) => {
   if (form) event.preventDefault();
 });
 
+// An address has no names without a value.
+for (const form of document.querySelectorAll("form.filter")) {
+  form.addEventListener("formdata", ({ formData }) => {
+    for (const [name, value] of [...formData]) if (!value) formData.delete(name);
+  });
+}
+
 // The slider draws the regions of its channel; the numbers come with them.
 const channels = () => (document.getElementById("channels")?.textContent ?? "").split(",").filter(Boolean).map(Number);
 
@@ -76,7 +83,7 @@ function reading(figure, event) {
   const numbers = (name) => figure.dataset[name].split(",").map(Number);
   const [left, right] = numbers("across");
   const [first, last] = numbers("time");
-  const [low, high] = numbers("band");
+  const [low, high] = figure.dataset.band ? numbers("band") : [1, 1];
   const height = Number(figure.dataset.height);
   const row = numbers("tops").findIndex((top) => y >= top && y <= top + height);
   if (row < 0 || x < left || x > right) return null;
@@ -105,13 +112,29 @@ function markSpectra(frequency) {
 }
 
 let pressed = null;
+let zoomedAt = 0;
+
+// A part of a day, in whole minutes and at least ten of them.
+function zoomDay(...ends) {
+  zoomedAt = Date.now();
+  const [first, last] = ends.sort((a, b) => a - b).map((one) => Math.round(one / 60));
+  const clock = (minutes) => `${String(Math.floor(minutes / 60)).padStart(2, "0")}:${String(minutes % 60).padStart(2, "0")}`;
+  const from = Math.min(first, 1430);
+  show(addressWith({ t: `${clock(from)},${clock(Math.max(last, from + 10))}` }));
+}
+
+// Boxes are links: they are not dragged away, and not followed at the end of a zoom.
+document.addEventListener("dragstart", (event) => { if (event.target.closest?.("svg.day")) event.preventDefault(); });
+document.addEventListener("click", (event) => {
+  if (Date.now() - zoomedAt < 400 && event.target.closest?.("svg.day a")) event.preventDefault();
+}, true);
 
 document.addEventListener("pointerdown", (event) => {
-  const figure = event.target.closest?.("svg.spectra[data-band]");
+  const figure = event.target.closest?.("svg.spectra[data-band], svg.day[data-time]");
   if (!figure || event.button) return;
   const at = reading(figure, event);
   if (!at) return;
-  event.preventDefault();
+  if (figure.dataset.band) event.preventDefault();
   const box = document.createElementNS("http://www.w3.org/2000/svg", "rect");
   box.setAttribute("class", "chosen");
   figure.append(box);
@@ -135,11 +158,20 @@ document.addEventListener("pointermove", (event) => {
   said.textContent = at ? `${at.name}: ${stamp(at.seconds).slice(11)} UTC, ${at.frequency.toPrecision(3)} MHz` : "";
 });
 
+document.addEventListener("pointercancel", () => {
+  pressed?.box.remove();
+  pressed = null;
+});
+
 document.addEventListener("pointerup", () => {
   if (!pressed) return;
-  const { at, to, box } = pressed;
+  const { figure, at, to, box } = pressed;
   box.remove();
   pressed = null;
+  if (!figure.dataset.band) {
+    if (to && Math.abs(to.x - at.x) >= 12) zoomDay(at.seconds, to.seconds);
+    return;
+  }
   if (!to || Math.abs(to.x - at.x) < 12 || to.name !== at.name) {
     choose(at.frequency, { later: 0 });
     return;
@@ -156,8 +188,10 @@ document.addEventListener("click", (event) => {
 });
 
 document.getElementById("copy-link")?.addEventListener("click", async (event) => {
+  if (event.ctrlKey || event.metaKey || event.shiftKey) return;
+  event.preventDefault();
   const note = document.getElementById("copied");
-  const kept = new URL(event.target.dataset.permanent ?? "", window.location.href);
+  const kept = new URL(event.target.href);
   for (const [name, value] of new URL(window.location.href).searchParams) kept.searchParams.set(name, value);
   const text = kept.href.replaceAll("%2C", ",").replaceAll("%3A", ":");
   try {

@@ -244,7 +244,8 @@ def _why_none(hit: npt.NDArray[np.bool_], score: float, undrifting: tuple[float,
             np.count_nonzero(hit & (THRESHOLDS.kilometric_below_mhz < FREQUENCY_MHZ)) >= THRESHOLDS.kilometric_channels
         )
         is_long = np.count_nonzero(hit) >= THRESHOLDS.kilometric_all
-        return "" if is_above and is_long and score >= THRESHOLDS.clear_margin * max(undrifting) else NO_SUPPORT
+        clear = max(THRESHOLDS.clear_margin - THRESHOLDS.slow_clear_margin * (revisit - 1.0), 1.0)
+        return "" if is_above and is_long and score >= clear * max(undrifting) else NO_SUPPORT
     if np.count_nonzero(hit & (THRESHOLDS.wide_below_mhz > FREQUENCY_MHZ)) >= THRESHOLDS.wide_channels:
         blurred = 1.0 + THRESHOLDS.slow_margin * (revisit - 1.0)
         drifts = standing <= THRESHOLDS.fast_margin * blurred * score and rising <= blurred * score

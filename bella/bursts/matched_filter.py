@@ -48,8 +48,10 @@ class DetectionThresholds:
         Where they tell, a fit without drift may be better by this: fast beams take a minute through most channels.
     slow_margin : float
         Added to it, and to that of an upward drift, for each further minute that shares a sample: a receiver that looks
-        every three minutes sees no drift that takes less. Of isolated simulated bursts of 10 dB in key parameters, 96 %
-        are found with it (49 of 51), with 0.25 false detections a day.
+        every three minutes sees no drift that takes less.
+    slow_clear_margin : float
+        Taken from `clear_margin` for the same reason, of bursts that few channels above `support_above_mhz` see. Chosen
+        in key parameters of seeds 11 and 12.
     longest_revisit_minutes : float
         A channel that is visited less often is not searched: of simulated bursts of 10 dB fewer than half are found
         then.
@@ -110,6 +112,7 @@ class DetectionThresholds:
     clear_margin: float = 1.2
     fast_margin: float = 1.1
     slow_margin: float = 0.05
+    slow_clear_margin: float = 0.1
     longest_revisit_minutes: float = 6.0
     narrow_channels: int = 20
     longest: float = 2.7

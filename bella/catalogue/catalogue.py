@@ -1,6 +1,6 @@
 """The catalogue as its callers see it: one class, whose methods are short transactions."""
 
-from collections.abc import Callable, Collection, Sequence
+from collections.abc import Callable, Collection, Iterable, Sequence
 from contextlib import AbstractContextManager
 from datetime import date, datetime
 from types import TracebackType
@@ -26,6 +26,7 @@ from bella.catalogue import (
 )
 from bella.catalogue.engine import State, connect, display_name, parse_url, reading, snapshot
 from bella.catalogue.events import PublishedEvents
+from bella.catalogue.kept import Kept
 from bella.catalogue.operation import Operation
 from bella.catalogue.records import (
     BurstPage,
@@ -53,7 +54,7 @@ from bella.catalogue.records import (
     Token,
     Webhook,
 )
-from bella.records import ANNOUNCED_ORIGINS, REAL_ORIGINS, Alert, Origin, Track
+from bella.records import ANNOUNCED_ORIGINS, REAL_ORIGINS, Alert, JointTrack, Origin, Track
 
 
 class Catalogue:
@@ -75,6 +76,8 @@ class Catalogue:
     def __init__(self, engine: Engine) -> None:
         self._engine = engine
         self._state = State(engine)
+        self._summaries: queries.Summaries = Kept(queries.MOST_SUMMARIES)
+        self._joints: solutions.Joints = Kept(solutions.MOST_JOINTS)
         self.name = display_name(engine.url)
         self.operation = Operation(engine)
         self.events = PublishedEvents(engine)
@@ -221,7 +224,7 @@ class Catalogue:
         InputError
             Where the cursor or the limit is not valid.
         """
-        return queries.bursts(self._engine, query or BurstQuery())
+        return queries.bursts(self._engine, query or BurstQuery(), self._summaries)
 
     def state_of(self, query: BurstQuery) -> str:
         """Digest of all that a query finds; see :func:`bella.catalogue.queries.state_of`."""
@@ -237,7 +240,7 @@ class Catalogue:
 
     def burst(self, burst_id: str) -> BurstSummary:
         """One burst with the newest version of each series; NoDataError where there is none of that id."""
-        return queries.burst(self._engine, burst_id)
+        return queries.burst(self._engine, burst_id, self._summaries)
 
     def versions(self, burst_id: str) -> tuple[Solution, ...]:
         """All solutions of a burst, superseded ones too, newer before older; NoDataError where there is no burst."""
@@ -267,9 +270,9 @@ class Catalogue:
         """Positions in the ecliptic plane of many solutions, by ascending frequency; see `solutions.places_of`."""
         return solutions.places_of(self._engine, solution_ids)
 
-    def tracks_of(self, solution_ids: Collection[str]) -> dict[str, Track]:
-        """Tracks of those of many solutions that have a joint fit; see `solutions.tracks_of`."""
-        return solutions.tracks_of(self._engine, solution_ids)
+    def joints_of(self, some: Iterable[Solution]) -> dict[str, JointTrack]:
+        """Joint fits of those of many solutions that have one; see `solutions.joints_of`."""
+        return solutions.joints_of(self._engine, some, self._joints)
 
     def track(self, solution_id: str) -> Track | None:
         """Track of a solution, typed; None where it has no joint fit, NoDataError where there is no such solution."""
@@ -353,6 +356,10 @@ class Catalogue:
     def note_pruned(self, solution_id: str, store_path: str, store_sha256: str) -> None:
         """Let a superseded solution point to its group without draws; see `pruning.note_pruned`."""
         pruning.note_pruned(self._engine, solution_id, store_path, store_sha256)
+
+    def note_packed(self, folder: str, store_path: str) -> None:
+        """Let all that refers to the folder of a group refer to its file; see `pruning.note_packed`."""
+        pruning.note_packed(self._engine, folder, store_path)
 
     def create_token(self, name: str) -> tuple[Token, str]:
         """Make a token, and the secret that is shown once; see `tokens.create`."""

@@ -9,7 +9,7 @@ from datetime import UTC, datetime
 from typing import Any
 
 import structlog
-from sqlalchemy import Connection, Engine, Row, delete, select
+from sqlalchemy import Connection, Engine, Row, bindparam, delete, select
 
 from bella.catalogue.alerts import note_answer
 from bella.catalogue.engine import writing
@@ -21,6 +21,7 @@ from bella.exceptions import InputError, NoDataError
 
 BY_RULE = "chosen by the rule"
 _TABLE = table_of(PreferenceRow)
+_OF_BURSTS = select(_TABLE).where(_TABLE.c.burst_id.in_(bindparam("burst_ids", expanding=True)))
 
 log = structlog.get_logger(__name__)
 
@@ -38,8 +39,7 @@ def preferences(connection: Connection, burst_ids: list[str]) -> dict[str, Prefe
     -------
     dict of str to Preference
     """
-    rows = connection.execute(select(_TABLE).where(_TABLE.c.burst_id.in_(burst_ids)))
-    return {row.burst_id: _preference(row) for row in rows}
+    return {row.burst_id: _preference(row) for row in connection.execute(_OF_BURSTS, {"burst_ids": burst_ids})}
 
 
 def follow_publication(connection: Connection, new: Solution) -> None:

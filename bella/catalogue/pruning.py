@@ -1,11 +1,11 @@
-"""Which superseded solutions may lose their draws, and noting that they did."""
+"""Which superseded solutions may lose their draws, and where groups of the store have gone."""
 
 from datetime import UTC, datetime
 
 from sqlalchemy import Engine, select, update
 
 from bella.catalogue.engine import reading, writing
-from bella.catalogue.models import SolutionRow, table_of
+from bella.catalogue.models import BurstRow, SolutionRow, table_of
 from bella.catalogue.records import Solution
 from bella.catalogue.solutions import solution_rows
 
@@ -48,3 +48,18 @@ def note_pruned(engine: Engine, solution_id: str, store_path: str, store_sha256:
     values = {"store_path": store_path, "store_sha256": store_sha256, "pruned_utc": datetime.now(UTC)}
     with writing(engine) as connection:
         connection.execute(update(_TABLE).where(_TABLE.c.solution_id == solution_id).values(values))
+
+
+def note_packed(engine: Engine, folder: str, store_path: str) -> None:
+    """Let all that refers to the folder of a group refer to its file, in one commit; the folder is swept afterwards.
+
+    Parameters
+    ----------
+    engine : sqlalchemy.Engine
+    folder, store_path : str
+        Paths of the group before and after.
+    """
+    bursts = table_of(BurstRow)
+    with writing(engine) as connection:
+        for column in (_TABLE.c.store_path, _TABLE.c.spectra_path, bursts.c.spectra_path):
+            connection.execute(update(column.table).where(column == folder).values({column.name: store_path}))

@@ -270,7 +270,18 @@ def _insert_solution(connection: Connection, publication: Publication, answer: A
         **answer.model_dump(),
     }
     connection.execute(insert(table_of(SolutionRow)).values(values))
+    if last:
+        _expect_no_companions(connection, last.solution_id)
     return solution_id
+
+
+def _expect_no_companions(connection: Connection, solution_id: str) -> None:
+    """Note that a superseded solution stays without companions, if it has none yet."""
+    fits = table_of(TrackFitRow)
+    own = fits.c.solution_id == solution_id
+    fit: dict[str, Any] = connection.execute(select(fits.c.fit).where(own)).scalar_one()
+    if fit.get("companions_pending"):
+        connection.execute(update(fits).where(own).values(fit={**fit, "companions_pending": False}))
 
 
 def _insert_parts(connection: Connection, solution_id: str, publication: Publication, fit: dict[str, Any]) -> None:

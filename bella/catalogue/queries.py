@@ -1,14 +1,15 @@
 """Browsing bursts by what is said of them, page by page."""
 
 import hashlib
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from datetime import datetime
 from typing import Any, Literal
 
-from sqlalchemy import ColumnElement, Connection, Engine, FromClause, func, or_, select
+from sqlalchemy import ColumnElement, Connection, Engine, FromClause, RowMapping, Select, bindparam, func, or_, select
 
 from bella.catalogue.engine import reading
 from bella.catalogue.events import EventListRow
+from bella.catalogue.kept import Kept
 from bella.catalogue.models import (
     AlertRow,
     BurstObservatoryRow,
@@ -24,11 +25,17 @@ from bella.catalogue.models import (
 from bella.catalogue.paging import Key, check_limit, ordered_by, read_page
 from bella.catalogue.preference import preferences
 from bella.catalogue.records import BURST_SORTS, Burst, BurstPage, BurstQuery, BurstSummary, Held, Solution
-from bella.catalogue.solutions import is_newest, retraction_of, solution_rows
+from bella.catalogue.solutions import newest_of, retraction_of, versions_of
 from bella.exceptions import InputError, NoDataError
 from bella.flags import REJECTED
 from bella.records import REAL_ORIGINS, Origin
 from bella.units import within_half_turn_deg
+
+Summaries = Kept[tuple[str, datetime], BurstSummary]
+"""Each under its id and the time at which anything of it was changed last."""
+
+MOST_SUMMARIES = 10_000
+"""That are kept in memory, of about 6 kB each."""
 
 HALF_TURN_DEG, TURN_DEG = 180.0, 360.0
 BURSTS, ANSWERS = table_of(BurstRow), table_of(SolutionRow).alias("answer")
@@ -54,17 +61,30 @@ _ORDERS: dict[str, tuple[str, ColumnElement[Any], type]] = {
 
 Changed = Literal["bursts", "days", "files", "events"]
 
-_CHANGED: dict[Changed, tuple[ColumnElement[Any], ...]] = {
-    "bursts": (BURSTS.c.updated_utc,),
-    "days": (table_of(SearchedDayRow).c.searched_utc,),
-    "files": (table_of(SourceFileRow).c.changed_utc,),
-    "events": (table_of(EventListRow).c.read_utc, table_of(EventListRow).c.linked_utc),
+
+def _newest(*columns: ColumnElement[Any]) -> Select[Any]:
+    return select(*(select(func.max(one, type_=UtcTime)).scalar_subquery() for one in columns))
+
+
+# made once: that takes longer than to execute them
+_CHANGED: dict[Changed, Select[Any]] = {
+    "bursts": _newest(BURSTS.c.updated_utc),
+    "days": _newest(table_of(SearchedDayRow).c.searched_utc),
+    "files": _newest(table_of(SourceFileRow).c.changed_utc),
+    "events": _newest(table_of(EventListRow).c.read_utc, table_of(EventListRow).c.linked_utc),
 }
+_BURST = select(BURSTS).where(BURSTS.c.burst_id == bindparam("burst_id"))
+_OBSERVATORIES = table_of(BurstObservatoryRow)
+_RECEIVED = (
+    select(_OBSERVATORIES.c.burst_id, _OBSERVATORIES.c.observatory)
+    .where(_OBSERVATORIES.c.burst_id.in_(bindparam("burst_ids", expanding=True)))
+    .order_by(_OBSERVATORIES.c.position)
+)
 
 _AS_STORED = ("burst_id", "start_utc", "end_utc", "f_low_mhz", "f_high_mhz", "spectra_path", "updated_utc")
 
 
-def bursts(engine: Engine, query: BurstQuery) -> BurstPage:
+def bursts(engine: Engine, query: BurstQuery, kept: Summaries) -> BurstPage:
     """One page of bursts.
 
     Parameters
@@ -73,6 +93,7 @@ def bursts(engine: Engine, query: BurstQuery) -> BurstPage:
         Engine of the catalogue.
     query : BurstQuery
         Filters, the order, the cursor of the page before, and the size of a page (1 to 1000).
+    kept : Kept
 
     Returns
     -------
@@ -93,7 +114,7 @@ def bursts(engine: Engine, query: BurstQuery) -> BurstPage:
     counted = select(func.count()).select_from(with_answers() if of_answers else BURSTS).where(*filters)
     with reading(engine) as connection:
         page = read_page(connection, query, found, order, counted)
-        return BurstPage(_summaries(connection, page.rows), page.next_cursor, page.total)
+        return BurstPage(_summaries(connection, page.rows, kept), page.next_cursor, page.total)
 
 
 def held(engine: Engine) -> Held:
@@ -138,9 +159,8 @@ def state_of(engine: Engine, query: BurstQuery) -> str:
 
 def changed_utc(engine: Engine, what: Changed) -> datetime | None:
     """When any of all bursts, searched days, files or lists of events was changed last; None where there is none."""
-    newest = [select(func.max(column, type_=UtcTime)).scalar_subquery() for column in _CHANGED[what]]
     with reading(engine) as connection:
-        return max((one for one in connection.execute(select(*newest)).one() if one is not None), default=None)
+        return max((one for one in connection.execute(_CHANGED[what]).one() if one is not None), default=None)
 
 
 def _order(sort: str) -> list[Key]:
@@ -162,7 +182,7 @@ def with_answers() -> FromClause:
     return BURSTS.outerjoin(ANSWERS, ANSWERS.c.solution_id == BURSTS.c.answer_id)
 
 
-def burst(engine: Engine, burst_id: str) -> BurstSummary:
+def burst(engine: Engine, burst_id: str, kept: Summaries) -> BurstSummary:
     """One burst with the newest version of each series.
 
     Raises
@@ -170,13 +190,16 @@ def burst(engine: Engine, burst_id: str) -> BurstSummary:
     NoDataError
         Where there is none of that id.
     """
-    table = table_of(BurstRow)
     with reading(engine) as connection:
-        rows = connection.execute(select(table).where(table.c.burst_id == burst_id)).mappings().all()
-        summaries = _summaries(connection, rows)
+        rows = connection.execute(_BURST, {"burst_id": burst_id}).mappings().all()
+        summaries = _summaries(connection, rows, kept)
     if not summaries:
-        raise NoDataError(f"there is no burst {burst_id}: ids are like T3-20120607-1929")
+        raise _no_burst(burst_id)
     return summaries[0]
+
+
+def _no_burst(burst_id: str) -> NoDataError:
+    return NoDataError(f"there is no burst {burst_id}: ids are like T3-20120607-1929")
 
 
 def versions(engine: Engine, burst_id: str) -> tuple[Solution, ...]:
@@ -187,9 +210,14 @@ def versions(engine: Engine, burst_id: str) -> tuple[Solution, ...]:
     NoDataError
         Where there is no such burst.
     """
-    burst(engine, burst_id)
     with reading(engine) as connection:
-        return solution_rows(connection, table_of(SolutionRow).c.burst_id == burst_id)
+        found = versions_of(connection, burst_id)
+        if (
+            not found
+            and connection.execute(select(BURSTS.c.burst_id).where(BURSTS.c.burst_id == burst_id)).first() is None
+        ):
+            raise _no_burst(burst_id)
+        return found
 
 
 def burst_filters(query: BurstQuery) -> list[ColumnElement[bool]]:
@@ -254,18 +282,21 @@ def _longitudes(first: float | None, last: float | None) -> Iterator[ColumnEleme
     yield (column >= first) & (column <= last) if first <= last else or_(column >= first, column <= last)
 
 
-def _summaries(connection: Connection, rows: Any) -> tuple[BurstSummary, ...]:
+def _summaries(connection: Connection, rows: Sequence[RowMapping], kept: Summaries) -> tuple[BurstSummary, ...]:
+    """Bursts of a page in its order, those that were read before as they were."""
+    wanted = {(row["burst_id"], row["updated_utc"]): row for row in rows}
+    found = kept.of(wanted, lambda missing: _read(connection, missing))
+    return tuple(found[key] for key in wanted)
+
+
+def _read(connection: Connection, rows: Sequence[RowMapping]) -> tuple[BurstSummary, ...]:
     """Bursts of a page with observatories and newest solutions, in a few queries however long it is."""
-    if not rows:
-        return ()
-    received, solutions = table_of(BurstObservatoryRow), table_of(SolutionRow)
     ids = [row["burst_id"] for row in rows]
-    by_position = select(received).where(received.c.burst_id.in_(ids)).order_by(received.c.position)
     observatories: dict[str, list[str]] = {burst_id: [] for burst_id in ids}
-    for one in connection.execute(by_position):
-        observatories[one.burst_id].append(one.observatory)
+    for burst_id, name in connection.execute(_RECEIVED, {"burst_ids": ids}):
+        observatories[burst_id].append(name)
     newest: dict[str, list[Solution]] = {burst_id: [] for burst_id in ids}
-    for solution in solution_rows(connection, solutions.c.burst_id.in_(ids), is_newest(solutions)):
+    for solution in newest_of(connection, ids):
         newest[solution.burst_id].append(solution)
     preferred = preferences(connection, ids)
     return tuple(

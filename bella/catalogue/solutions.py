@@ -1,13 +1,29 @@
 """Reading solutions and what belongs to them."""
 
-from collections.abc import Collection, Iterable
+from collections.abc import Collection, Iterable, Sequence
+from dataclasses import fields
 from datetime import UTC, date, datetime
+from itertools import starmap
 from typing import Any
 
-from sqlalchemy import ColumnElement, Connection, Engine, Select, and_, false, func, select, update
+from sqlalchemy import (
+    BindParameter,
+    ColumnElement,
+    Connection,
+    Engine,
+    Row,
+    Select,
+    and_,
+    bindparam,
+    false,
+    func,
+    select,
+    update,
+)
 
 from bella.answer import Answer, read_track
 from bella.catalogue.engine import reading
+from bella.catalogue.kept import Kept
 from bella.catalogue.models import (
     BurstRow,
     LocalisationRow,
@@ -35,7 +51,7 @@ from bella.catalogue.records import (
     by_preference,
 )
 from bella.exceptions import NoDataError
-from bella.records import Origin, Track
+from bella.records import JointTrack, Origin, Track
 
 SERIES_COLUMNS = ("edge", "method", "preset", "dimensions")
 _ANSWER = tuple(Answer.model_fields)
@@ -67,18 +83,44 @@ def solution_rows(connection: Connection, *conditions: ColumnElement[bool]) -> t
     tuple of Solution
         Preferred series first, newer versions first.
     """
+    return _read(connection, _statements(*conditions))
+
+
+def newest_of(connection: Connection, burst_ids: Sequence[str]) -> tuple[Solution, ...]:
+    """Newest versions of all series of bursts; those of a burst in the order of `solution_rows`."""
+    return _read(connection, _NEWEST, burst_ids=burst_ids)
+
+
+def versions_of(connection: Connection, burst_id: str) -> tuple[Solution, ...]:
+    """All solutions of a burst, in the order of `solution_rows`."""
+    return _read(connection, _VERSIONS, burst_id=burst_id)
+
+
+def _statements(*conditions: ColumnElement[bool]) -> tuple[Select[Any], Select[Any]]:
+    """Statements for solutions, and for their flags; to make them takes longer than to read a few rows."""
     table, flagged, bursts = table_of(SolutionRow), table_of(SolutionFlagRow), table_of(BurstRow)
     is_preferred = func.coalesce(bursts.c.answer_id == table.c.solution_id, false())
     of_burst = [bursts.c[name].label(f"burst_{name}") for name in ("origin", "retracted_utc", "retracted_reason")]
-    wanted = select(table, is_preferred.label("preferred"), *of_burst)
-    rows = connection.execute(wanted.join(bursts, bursts.c.burst_id == table.c.burst_id).where(*conditions))
-    found = rows.mappings().all()
+    rows = select(table, is_preferred.label("preferred"), *of_burst)
+    rows = rows.join(bursts, bursts.c.burst_id == table.c.burst_id).where(*conditions)
     chosen = select(table.c.solution_id).where(*conditions)
-    by_flag = select(flagged).where(flagged.c.solution_id.in_(chosen)).order_by(flagged.c.position)
+    flags = select(flagged.c.solution_id, flagged.c.flag).where(flagged.c.solution_id.in_(chosen))
+    return rows, flags.order_by(flagged.c.position)
+
+
+def _read(connection: Connection, statements: tuple[Select[Any], Select[Any]], **asked: object) -> tuple[Solution, ...]:
+    rows = connection.execute(statements[0], asked).mappings().all()
     flags: dict[str, list[str]] = {}
-    for row in connection.execute(by_flag):
-        flags.setdefault(row.solution_id, []).append(row.flag)
-    return by_preference(_solution(row, flags.get(row["solution_id"], ())) for row in found)
+    for solution_id, flag in connection.execute(statements[1], asked):
+        flags.setdefault(solution_id, []).append(flag)
+    return by_preference(_solution(row, flags.get(row["solution_id"], ())) for row in rows)
+
+
+_NEWEST = _statements(
+    table_of(SolutionRow).c.burst_id.in_(bindparam("burst_ids", expanding=True)), is_newest(table_of(SolutionRow))
+)
+_VERSIONS = _statements(table_of(SolutionRow).c.burst_id == bindparam("burst_id"))
+_ONE = _statements(table_of(SolutionRow).c.solution_id == bindparam("solution_id"))
 
 
 def newest(connection: Connection, burst_id: str, series: Series) -> Solution | None:
@@ -198,6 +240,22 @@ def solution(engine: Engine, solution_id: str) -> Solution:
         return _existing(connection, solution_id)
 
 
+_SOLUTION_ID: BindParameter[str] = bindparam("solution_id")
+_PLACED, _FITTED, _LINK, _FILE = map(table_of, (LocalisationRow, TrackFitRow, SolutionSourceRow, SourceFileRow))
+_LOCALISATIONS = (
+    select(*(_PLACED.c[one.name] for one in fields(Localisation)))
+    .where(_PLACED.c.solution_id == _SOLUTION_ID)
+    .order_by(_PLACED.c.frequency_mhz)
+)
+_TRACK_FIT = select(_FITTED.c.fit).where(_FITTED.c.solution_id == _SOLUTION_ID)
+_SOURCES = (
+    select(*(_FILE.c[one.name] for one in fields(SourceFile)))
+    .join(_LINK, _LINK.c.source_id == _FILE.c.source_id)
+    .where(_LINK.c.solution_id == _SOLUTION_ID)
+    .order_by(_LINK.c.position)
+)
+
+
 def localisations(engine: Engine, solution_id: str) -> tuple[Localisation, ...]:
     """Localisations of a solution by ascending frequency.
 
@@ -206,10 +264,8 @@ def localisations(engine: Engine, solution_id: str) -> tuple[Localisation, ...]:
     NoDataError
         Where there is no such solution.
     """
-    table = table_of(LocalisationRow)
-    query = select(table).where(table.c.solution_id == solution_id).order_by(table.c.frequency_mhz)
-    rows = _of_solution(engine, solution_id, query)
-    return tuple(Localisation(**{name: row[name] for name in row if name != "solution_id"}) for row in rows)
+    rows = _of_solution(engine, solution_id, _LOCALISATIONS)
+    return tuple(starmap(Localisation, rows))
 
 
 def localisations_of(engine: Engine, solution_ids: Collection[str]) -> dict[str, list[Localisation]]:
@@ -235,13 +291,42 @@ def places_of(engine: Engine, solution_ids: Collection[str]) -> dict[str, list[t
     return found
 
 
-def tracks_of(engine: Engine, solution_ids: Collection[str]) -> dict[str, Track]:
-    """Tracks of those of many solutions that have a joint fit, in one statement."""
-    table = table_of(TrackFitRow)
+Joints = Kept[tuple[str, datetime], JointTrack | None]
+"""Each under the id of its solution and the time of its publication: nothing of it changes after that."""
+
+MOST_JOINTS = 10_000
+"""That are kept in memory, of about 3 kB each."""
+
+
+def joints_of(engine: Engine, some: Iterable[Solution], kept: Joints) -> dict[str, JointTrack]:
+    """Joint fits of those of many solutions that have one, without their profiles, in one statement.
+
+    Parameters
+    ----------
+    engine : sqlalchemy.Engine
+        Engine of the catalogue.
+    some : iterable of Solution
+    kept : Kept
+
+    Returns
+    -------
+    dict of str to JointTrack
+        By the id of the solution.
+    """
+    wanted = {(one.solution_id, one.created_utc): one.solution_id for one in some}
+    found = kept.of(wanted, lambda missing: _joints(engine, missing))
+    return {solution_id: joint for (solution_id, _), joint in found.items() if joint is not None}
+
+
+def _joints(engine: Engine, solution_ids: Sequence[str]) -> list[JointTrack | None]:
+    columns = [_FITTED.c.solution_id, _FITTED.c.fit["joint"], _FITTED.c.fit["rotation_period_d"]]
     with reading(engine) as connection:
-        rows = connection.execute(select(table).where(table.c.solution_id.in_(solution_ids))).all()
-    tracks = {row.solution_id: read_track(row.fit) for row in rows}
-    return {solution_id: track for solution_id, track in tracks.items() if track is not None}
+        rows = connection.execute(select(*columns).where(_FITTED.c.solution_id.in_(solution_ids))).all()
+    found = {}
+    for solution_id, joint, period_d in rows:
+        known = read_track({"joint": joint and {**joint, "profile": ()}, "rotation_period_d": period_d, "remark": ""})
+        found[solution_id] = known.joint if known else None
+    return [found.get(one) for one in solution_ids]
 
 
 def track(engine: Engine, solution_id: str) -> Track | None:
@@ -263,9 +348,8 @@ def track_fit(engine: Engine, solution_id: str) -> dict[str, Any]:
     NoDataError
         Where there is no such solution.
     """
-    table = table_of(TrackFitRow)
-    (row,) = _of_solution(engine, solution_id, select(table).where(table.c.solution_id == solution_id))
-    return dict(row["fit"])
+    ((fit,),) = _of_solution(engine, solution_id, _TRACK_FIT)
+    return dict(fit)
 
 
 def sources(engine: Engine, solution_id: str) -> tuple[SourceFile, ...]:
@@ -276,14 +360,7 @@ def sources(engine: Engine, solution_id: str) -> tuple[SourceFile, ...]:
     NoDataError
         Where there is no such solution.
     """
-    link, table = table_of(SolutionSourceRow), table_of(SourceFileRow)
-    query = (
-        select(*(table.c[name] for name in _SOURCE))
-        .join(link, link.c.source_id == table.c.source_id)
-        .where(link.c.solution_id == solution_id)
-        .order_by(link.c.position)
-    )
-    return tuple(SourceFile(**row) for row in _of_solution(engine, solution_id, query))
+    return tuple(starmap(SourceFile, _of_solution(engine, solution_id, _SOURCES)))
 
 
 def all_sources(engine: Engine, query: SourceQuery) -> SourcePage:
@@ -370,15 +447,15 @@ def stored_groups(engine: Engine) -> tuple[StoredGroup, ...]:
 
 
 def _existing(connection: Connection, solution_id: str) -> Solution:
-    found = solution_rows(connection, table_of(SolutionRow).c.solution_id == solution_id)
+    found = _read(connection, _ONE, solution_id=solution_id)
     if not found:
         raise NoDataError(f"there is no solution {solution_id}: list those of its burst")
     return found[0]
 
 
-def _of_solution(engine: Engine, solution_id: str, query: Select[Any]) -> Iterable[Any]:
+def _of_solution(engine: Engine, solution_id: str, query: Select[Any]) -> Sequence[Row[Any]]:
     with reading(engine) as connection:
-        found = connection.execute(query).mappings().all()
+        found = connection.execute(query, {"solution_id": solution_id}).all()
         if not found:
             _existing(connection, solution_id)
         return found

@@ -89,7 +89,7 @@ def _calibrate_posterior(output: Path, names: list[str], sources: int, seed: int
         run_stratum,
         verdict_table,
     )
-    from bella.plotting import comparison_panels, write_calibration_png
+    from bella.plotting import Caption, calibration_caption, calibration_figure, comparison_panels, write_figure
 
     chosen = find_strata(names)
     check_sources(sources)
@@ -103,7 +103,8 @@ def _calibrate_posterior(output: Path, names: list[str], sources: int, seed: int
     write_whole(output / TABLE, verdict_table(verdicts))
     write_whole(output / PAGE, calibration_page(verdicts, table=TABLE, figure=FIGURE))
     with _reporting(output):
-        write_calibration_png(output / FIGURE, comparison_panels(comparisons))
+        drawn = calibration_figure(comparison_panels(comparisons))
+        write_figure(output / FIGURE, drawn, Caption(calibration_caption()))
     failed = failing(verdicts)
     if as_json:
         print_json({"page": f"{output / PAGE}", "failed": failed, "strata": [asdict(one) for one in verdicts]})
@@ -148,14 +149,14 @@ def coverage(  # noqa: PLR0913, PLR0917 - one argument per option
         bool, typer.Option("--exact", help="Exact posterior at every node: minutes, not seconds.")
     ] = False,
     figure: Annotated[
-        Path | None, typer.Option(help="Figure to write, PNG.", show_default="name of the map, .png")
+        Path | None, typer.Option(help="Figure to write: .svg, .png or .pdf.", show_default="name of the map, .svg")
     ] = None,
     as_json: AsJson = False,
 ) -> None:
     """Map how well a fleet localises a burst, everywhere in the ecliptic plane."""
     from bella.multilateration.priors import find_preset, fleet_sigma
     from bella.multilateration.uncertainty_map import exact_nodes, uncertainty_map
-    from bella.plotting import write_coverage_png
+    from bella.plotting import Caption, coverage_caption, coverage_figure, write_figure
     from bella.spacecraft import OBSERVATORIES
 
     picture = _check_paths(output, figure)
@@ -178,7 +179,7 @@ def coverage(  # noqa: PLR0913, PLR0917 - one argument per option
     uncertainty.attrs |= {"preset": chosen.name}
     write_netcdf(uncertainty, output)
     with _reporting(picture, "--figure"):
-        write_coverage_png(picture, uncertainty)
+        write_figure(picture, coverage_figure(uncertainty), Caption(coverage_caption(uncertainty)))
     _print_map(uncertainty, output, picture, as_json=as_json)
 
 
@@ -213,9 +214,12 @@ def timing_option(text: str | None) -> dict[str, float] | float | None:
 
 def _check_paths(output: Path, figure: Path | None) -> Path:
     """Path of the figure; refuses, before any work, what cannot be written."""
-    picture = output.with_suffix(".png") if figure is None else figure
+    from bella.plotting import kind_of
+
+    picture = output.with_suffix(".svg") if figure is None else figure
     check_output(output)
     check_output(picture, "--figure")
+    kind_of(picture)
     if picture.resolve() == output.resolve():
         raise InputError(f"map and figure would both be {output}; name the map .nc, or another --figure")
     return picture

@@ -76,3 +76,16 @@ def verify(home: Home = None, as_json: AsJson = False) -> None:
         raise StoreError(f"{len(damaged)} of {len(groups)} groups are damaged: restore {said} from a backup")
     if not as_json:
         answer(f"{len(groups)} groups in {settings.store_root.resolve()} are whole")
+
+
+@store_app.command(epilog="Example: bella store pack")
+def pack(home: Home = None) -> None:
+    """Make one file of each posterior and spectrum that an older version has stored as a folder of many."""
+    from bella.pipeline.housekeeping import pack as pack_folders
+
+    settings = settings_of(home)
+    with closing(open_catalogue(settings)) as catalogue:
+        number = len(catalogue.stored_groups())
+    with steps("pack", number) as advance:
+        packed = pack_folders(settings, advance)
+    answer(f"{packed} of {number} groups were folders and are files now; the next sweep of the store frees their room")

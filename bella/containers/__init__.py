@@ -11,6 +11,7 @@ from bella.containers.cdf import (
     in_mhz,
     open_cdf,
     utc_of_cdf_epoch,
+    utc_of_cdf_epoch16,
     utc_of_tt2000,
 )
 
@@ -29,5 +30,6 @@ __all__ = [
     "open_cdf",
     "reading",
     "utc_of_cdf_epoch",
+    "utc_of_cdf_epoch16",
     "utc_of_tt2000",
 ]

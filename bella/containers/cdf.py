@@ -26,6 +26,9 @@ UNIX_EPOCH_MS = 62_167_219_200_000.0
 YEAR_9000_MS = 284_012_524_800_000.0
 """A CDF_EPOCH from here on, or not above zero, is a fill value: 9999-12-31 and 0000-01-01 are in use."""
 
+PICOSECONDS = 1e12
+"""In a second."""
+
 LOWEST_TT2000 = -(2**63) + 16
 """The first values of the type are fill and pad values."""
 
@@ -47,6 +50,9 @@ MHZ |= {"hertz": 1e-6, "kilohertz": 1e-3, "megahertz": 1.0, "gigahertz": 1e3}
 
 TOO_LOW, TOO_HIGH = 100.0, 300.0
 """Units differ by factors of 1000, and the bands that are read of a receiver by less than these."""
+
+NOT_STATED = 3.0
+"""A unit that the file does not state is taken if the band does not end higher by more than this."""
 
 
 class CdfFile:
@@ -152,7 +158,15 @@ class CdfFile:
             if isinstance(fill, int | float) and np.isfinite(fill):
                 part[origin[begin : begin + step] == np.asarray(fill).astype(stored.dtype)] = np.nan
             part[np.abs(part) >= LARGEST_NUMBER] = np.nan
-        return values
+        return values if stored.dtype.kind == "f" else self._scaled(variable, values)
+
+    def _scaled(self, variable: str, values: NumberArray) -> NumberArray:
+        """Whole numbers as what they stand for, where the file says how (conventions of CF)."""
+        factor, shift = (
+            self._ask("attribute", one, self.stored_name(variable)) for one in ("SCALE_FACTOR", "ADD_OFFSET")
+        )
+        values = values * factor if isinstance(factor, int | float) else values
+        return values + shift if isinstance(shift, int | float) else values
 
     def is_epoch(self, variable: str) -> bool:
         """Whether a variable has times."""
@@ -180,17 +194,21 @@ class CdfFile:
         """
         kind = self._description(variable)["kind"]
         if kind not in EPOCHS:
-            raise InputError(f"{self.name}: variable {variable!r} is not CDF_EPOCH or CDF_TIME_TT2000")
+            raise InputError(f"{self.name}: variable {variable!r} is not CDF_EPOCH, CDF_EPOCH16 or CDF_TIME_TT2000")
         stored = self._values(variable, dimensions)
         if kind == CDF_TIME_TT2000:
             counts = stored.astype(np.int64)
             times, is_fill = utc_of_tt2000(counts), counts <= LOWEST_TT2000
         else:
-            epoch_ms = stored.real * 1e3 + stored.imag * 1e-9 if kind == CDF_EPOCH16 else stored.astype(np.float64)
-            times, is_fill = utc_of_cdf_epoch(epoch_ms), ~((epoch_ms > 0.0) & (epoch_ms < YEAR_9000_MS))
+            if kind == CDF_EPOCH16:
+                stored = _undoubled(stored)
+                times, epoch_ms = utc_of_cdf_epoch16(stored), stored.real * 1e3
+            else:
+                times, epoch_ms = utc_of_cdf_epoch(stored), stored.real
+            is_fill = ~((epoch_ms > 0.0) & (epoch_ms < YEAR_9000_MS))
         fill = self._ask("attribute", "FILLVAL", self.stored_name(variable))
         if isinstance(fill, int | float):
-            is_fill |= np.abs(stored) == abs(fill) if kind == CDF_EPOCH16 else stored == fill
+            is_fill |= stored == fill
         if (np.isnat(times) & ~is_fill).any():
             raise InputError(
                 f"{self.name}: {variable} has times that are not between {FIRST.astype('M8[Y]')} and "
@@ -226,6 +244,8 @@ class CdfFile:
         if values.ndim == 2 and len(values) and ((values == values[0]) | np.isnan(values)).all():
             values = values[0] if np.isfinite(values[0]).any() else np.fmax.reduce(values)
         stated = re.sub(r"[^a-z]", "", self.attribute("UNITS", variable).lower()) or unit.lower()
+        if stated.startswith("log"):
+            raise InputError(f"{self.name}: variable {variable!r} holds logarithms: take another version of the file")
         if highest_mhz is None:
             if stated not in MHZ:
                 raise InputError(f"{self.name}: variable {variable!r} is in {stated!r}, not in Hz, kHz or MHz")
@@ -303,7 +323,7 @@ def in_mhz(values: npt.NDArray[Any], unit: str, highest_mhz: float, what: str) -
     """
     highest = float(np.nanmax(values, initial=0.0))
     for one in ([unit] if unit in MHZ else []) + ["hz", "khz", "mhz"]:
-        if highest_mhz / TOO_LOW < highest * MHZ[one] < highest_mhz * TOO_HIGH:
+        if highest_mhz / TOO_LOW < highest * MHZ[one] < highest_mhz * (TOO_HIGH if one == unit else NOT_STATED):
             return values.astype(np.float64) * MHZ[one]
     raise InputError(
         f"{what} reaches {highest:g}, which in no unit is near the {highest_mhz:g} MHz of this receiver: take another "
@@ -356,6 +376,36 @@ def utc_of_cdf_epoch(epoch_ms: npt.NDArray[np.float64]) -> TimeArray:
     times = np.round(np.where(usable, unix_us, 0.0)).astype("datetime64[us]").astype("datetime64[ns]")
     times[~usable] = np.datetime64("NaT")
     return times
+
+
+def utc_of_cdf_epoch16(epoch: npt.NDArray[np.complex128]) -> TimeArray:
+    """UTC of CDF_EPOCH16, which knows no leap seconds.
+
+    Parameters
+    ----------
+    epoch : numpy.ndarray
+        Seconds since the year 0 as the real part, picoseconds within the second as the imaginary one.
+
+    Returns
+    -------
+    numpy.ndarray
+        datetime64[ns]; NaT outside 1990 to 2060, and where the picoseconds are not those of a second.
+    """
+    stored = np.asarray(epoch, dtype=np.complex128)
+    usable = (stored.imag >= 0.0) & (stored.imag < PICOSECONDS) & (stored.real == np.rint(stored.real))
+    times = utc_of_cdf_epoch(np.where(usable, stored.real * 1e3, np.nan))
+    within_ns = np.rint(np.where(usable, stored.imag, 0.0) * 1e-3)
+    return np.asarray(times + within_ns.astype("timedelta64[ns]"))
+
+
+def _undoubled(epoch: npt.NDArray[np.complex128]) -> npt.NDArray[np.complex128]:
+    """Times of a CDF_EPOCH16 that cdflib wrote: seconds and picoseconds as records of their own (cdflib 1.3)."""
+    if epoch.ndim != 1 or epoch.size % 2 or epoch.imag.any():
+        return epoch
+    seconds, picoseconds = epoch.real[::2], epoch.real[1::2]
+    if (picoseconds >= PICOSECONDS).any() or not np.isnat(utc_of_cdf_epoch(picoseconds * 1e3)).any():
+        return epoch
+    return seconds + 1j * picoseconds
 
 
 def utc_of_tt2000(tt2000_ns: npt.NDArray[np.int64]) -> TimeArray:

@@ -151,11 +151,12 @@ def _unpacked(path: str, head: bytes, begin: int) -> Path:
 
 def _pieces(path: str, begin: int) -> Iterator[bytes]:
     """What is packed with gzip from a byte on, piece by piece."""
-    inflater, size = zlib.decompressobj(wbits=zlib.MAX_WBITS | 32), 0
+    inflater, size, rest = zlib.decompressobj(wbits=zlib.MAX_WBITS | 32), 0, b""
     with Path(path).open("rb") as stream:
         stream.seek(begin)
         while not inflater.eof:
-            packed = inflater.unconsumed_tail or stream.read(PIECE_BYTES)
+            packed = inflater.unconsumed_tail or rest or stream.read(PIECE_BYTES)
+            rest = b""
             if not packed:
                 raise ValueError("what it holds is cut short")
             piece = inflater.decompress(packed, PIECE_BYTES)
@@ -163,6 +164,9 @@ def _pieces(path: str, begin: int) -> Iterator[bytes]:
             if size > LARGEST_BYTES:
                 raise ValueError(f"it unpacks to more than {LARGEST_BYTES >> 20} MiB")
             yield piece
+            if inflater.eof and begin == 0:  # a file may be packed in parts, one behind the other
+                rest = inflater.unused_data or stream.read(PIECE_BYTES)
+                inflater = zlib.decompressobj(wbits=zlib.MAX_WBITS | 32) if rest.startswith(GZIP) else inflater
 
 
 def _check_length(path: str) -> None:

@@ -1,6 +1,8 @@
 """Published tables as astropy tables, and what astropy writes: ECSV and VOTable."""
 
 import io
+import re
+from collections.abc import Iterable, Iterator, Mapping
 from typing import Any
 
 import numpy as np
@@ -10,11 +12,14 @@ from astropy.io.votable.tree import Info, TimeSys, VOTableFile
 from astropy.table import QTable, Table
 from astropy.time import Time
 
-from bella.formats.columns import Column
-from bella.formats.record_table import RecordTable, Values, iso_stamps
+from bella.formats.columns import Column, Schema
+from bella.formats.record_table import RecordTable, Values, iso_stamps, record_table
 
 VOTABLE_VERSION = "1.4"
 TIME_SYSTEM = "utc"
+ROWS = re.compile(rb' nrows="\d+"')
+"""What astropy says of the number of rows, which is not known where these are written piece by piece."""
+
 STAMP_LENGTH = len("2012-06-07T19:29:15.123456Z")
 
 
@@ -51,6 +56,20 @@ def ecsv(table: RecordTable) -> bytes:
 
     Times are written without a zone: their scale, UTC, stands in the header.
     """
+    return b"".join(ecsv_pieces(table.schema, table.header, [table]))
+
+
+def ecsv_pieces(schema: Schema, header: Mapping[str, str], tables: Iterable[RecordTable]) -> Iterator[bytes]:
+    """The same piece by piece, of tables that follow one another."""
+    with_rows = filter(len, tables)
+    yield _ecsv(RecordTable(schema, next(with_rows, record_table(schema, ())).data, header))
+    for table in with_rows:
+        lines = _ecsv(table).splitlines(keepends=True)
+        names = next(place for place, line in enumerate(lines) if not line.startswith(b"#"))
+        yield b"".join(lines[names + 1 :])
+
+
+def _ecsv(table: RecordTable) -> bytes:
     text = io.StringIO()
     quantity_table(table).write(text, format="ascii.ecsv", serialize_method={Time: "formatted_value"})
     return text.getvalue().encode()
@@ -58,6 +77,22 @@ def ecsv(table: RecordTable) -> bytes:
 
 def votable(table: RecordTable) -> bytes:
     """VOTable 1.4 with units, UCDs and the system of its times; times are ISO 8601 text (DALI timestamps)."""
+    return b"".join(votable_pieces(table.schema, table.header, [table]))
+
+
+def votable_pieces(schema: Schema, header: Mapping[str, str], tables: Iterable[RecordTable]) -> Iterator[bytes]:
+    """The same piece by piece, of tables that follow one another."""
+    below = b""
+    for table in tables:
+        above, begin, rest = _votable(RecordTable(schema, table.data, header)).partition(b"<TABLEDATA>")
+        rows, end, rest = rest.partition(b"</TABLEDATA>")
+        if end:
+            yield rows if below else above + begin + rows
+            below = end + rest
+    yield below or _votable(record_table(schema, (), header))
+
+
+def _votable(table: RecordTable) -> bytes:
     bare = Table(meta={})
     for column in table.schema.columns:
         values = table.data[column.name]
@@ -66,7 +101,7 @@ def votable(table: RecordTable) -> bytes:
     _describe(file, table)
     raw = io.BytesIO()
     file.to_xml(raw, tabledata_format="tabledata")
-    return raw.getvalue()
+    return ROWS.sub(b"", raw.getvalue(), 1)
 
 
 def _describe(file: VOTableFile, table: RecordTable) -> None:

@@ -2,17 +2,19 @@
 
 import io
 import tempfile
-from collections.abc import Mapping
+from collections.abc import Iterable, Iterator, Mapping
+from itertools import chain, islice
 from pathlib import Path
 from typing import Any
 
+import h5netcdf
 import numpy as np
 import xarray as xr
 from astropy.time import Time
 
 from bella.exceptions import InputError, require_extra
 from bella.formats.columns import Column, Schema
-from bella.formats.record_table import RecordTable, Values, distinct_times
+from bella.formats.record_table import RecordTable, Values, distinct_times, record_table
 from bella.units import DAY_S
 
 J2000_JD = 2_451_545.0
@@ -23,6 +25,8 @@ ISTP_VALID = ("1990-01-01", "2100-01-01")
 """Times outside these years are mistakes: to a minute, which the future leap seconds leave open."""
 
 PARQUET_CODEC = "zstd"
+GROUP_ROWS, PIECE_BYTES = 50_000, 1 << 20
+NO_TIME = np.iinfo(np.int64).min
 
 ISTP_FILL = -1.0e31
 ISTP_FILL_INTEGER = -(2**63)
@@ -31,18 +35,43 @@ ISTP_FILL_INTEGER = -(2**63)
 
 def netcdf(table: RecordTable) -> bytes:
     """NetCDF-4 with one dimension, ``row``; times are whole microseconds, text is of variable length (CF-1.11)."""
+    return b"".join(netcdf_pieces(table.schema, table.header, [table]))
+
+
+def netcdf_pieces(schema: Schema, header: Mapping[str, str], tables: Iterable[RecordTable]) -> Iterator[bytes]:
+    """The same piece by piece, of tables that follow one another; they are put into a temporary file first."""
+    rest = filter(len, tables)
+    first, second = next(rest, record_table(schema, ())), list(islice(rest, 1))
+    with tempfile.TemporaryDirectory(prefix="bella-netcdf-") as folder:
+        path = Path(folder) / "table.nc"
+        _begin_netcdf(path, RecordTable(schema, first.data, header), grows=bool(second))
+        with h5netcdf.File(path, "a") as file:
+            for table in chain(second, rest):
+                done = file.dimensions["row"].size
+                file.resize_dimension("row", done + len(table))
+                for one in schema.columns:
+                    values = table.data[one.name]
+                    kinds = {"time": np.int64, "bool": np.int8, "text": object}
+                    file.variables[one.name][done:] = values.astype(kinds.get(one.kind, values.dtype))
+        with path.open("rb") as stream:
+            while piece := stream.read(PIECE_BYTES):
+                yield piece
+
+
+def _begin_netcdf(path: Path, table: RecordTable, *, grows: bool) -> None:
+    """File of a table, to which rows can be added if it grows."""
     dataset = xr.Dataset(
         {one.name: ("row", table.data[one.name], _cf(one)) for one in table.schema.columns},
         attrs={"Conventions": "CF-1.11", "title": table.schema.title, **table.header},
     )
-    encoding: dict[str, dict[str, Any]] = {}
+    chunks = {"chunksizes": (len(table),)} if grows else {}
+    encoding: dict[str, dict[str, Any]] = {one.name: {**chunks} for one in table.schema.columns}
     for one in table.schema.columns:
         if one.kind == "time":
-            unknown = np.iinfo(np.int64).min
-            encoding[one.name] = {"units": "microseconds since 1970-01-01", "dtype": "int64", "_FillValue": unknown}
+            encoding[one.name] |= {"units": "microseconds since 1970-01-01", "dtype": "int64", "_FillValue": NO_TIME}
         elif one.kind == "text":
             dataset[one.name] = dataset[one.name].astype(object)
-    return bytes(dataset.to_netcdf(engine="h5netcdf", encoding=encoding))
+    dataset.to_netcdf(path, engine="h5netcdf", encoding=encoding, unlimited_dims=["row"] if grows else [])
 
 
 def _cf(column: Column) -> dict[str, str]:
@@ -59,11 +88,48 @@ def parquet(table: RecordTable) -> bytes:
         If the package pyarrow is not installed.
     """
     require_extra("pyarrow")
-    import pyarrow.parquet as pq  # noqa: PLC0415 - heavy, and optional
+    return b"".join(parquet_pieces(table.schema, table.header, [table]))
 
-    raw = io.BytesIO()
-    pq.write_table(arrow_table(table), raw, compression=PARQUET_CODEC)
-    return raw.getvalue()
+
+def parquet_pieces(schema: Schema, header: Mapping[str, str], tables: Iterable[RecordTable]) -> Iterator[bytes]:
+    """The same piece by piece, of tables that follow one another, in groups of `GROUP_ROWS` rows."""
+    require_extra("pyarrow")
+    import pyarrow as pa  # noqa: PLC0415 - heavy, and optional
+    import pyarrow.parquet as pq  # noqa: PLC0415
+
+    written = _Written()
+    with pq.ParquetWriter(written, arrow_schema(schema, header), compression=PARQUET_CODEC) as writer:
+        group: list[Any] = []
+        for table in tables:
+            group.append(arrow_table(RecordTable(schema, table.data, header)))
+            if sum(map(len, group)) >= GROUP_ROWS:
+                writer.write_table(pa.concat_tables(group))
+                group.clear()
+                yield written.taken()
+        if group:
+            writer.write_table(pa.concat_tables(group))
+    yield written.taken()
+
+
+class _Written(io.RawIOBase):
+    """A file that is only written, whose content is taken away now and then."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self._content = bytearray()
+
+    def writable(self) -> bool:
+        return True
+
+    def write(self, some: Any) -> int:
+        self._content += some
+        return len(some)
+
+    def taken(self) -> bytes:
+        """What was written since this was called last."""
+        some = bytes(self._content)
+        self._content.clear()
+        return some
 
 
 def arrow_table(table: RecordTable) -> Any:

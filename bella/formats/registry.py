@@ -24,7 +24,7 @@ class Format:
     suffix : str
         Of a file, with its dot.
     where : str
-        Module and function that write it, imported when they are first used.
+        Module of this room and function that write it, imported when they are first used.
     pieces : str
         The same for what writes it piece by piece, of any number of rows; empty where it has to be written at once.
     """
@@ -54,20 +54,22 @@ class Format:
 
 def _imported(where: str) -> Any:
     module, _, function = where.partition(":")
-    return getattr(import_module(module), function)
+    return getattr(import_module(f"bella.formats.{module}"), function)
 
 
 FORMATS = {
     one.name: one
     for one in (
-        Format("json", "application/json", ".json", "bella.formats.text:json_text", "bella.formats.text:json_pieces"),
-        Format("csv", "text/csv", ".csv", "bella.formats.text:csv_text", "bella.formats.text:csv_pieces"),
-        Format("ecsv", "text/ecsv", ".ecsv", "bella.formats.astropy_tables:ecsv"),
-        Format("votable", "application/x-votable+xml", ".vot", "bella.formats.astropy_tables:votable"),
-        Format("tfcat", "application/tfcat+json", ".tfcat.json", "bella.formats.tfcat:tfcat"),
-        Format("cdf", "application/x-cdf", ".cdf", "bella.formats.binary:istp_cdf"),
-        Format("netcdf", "application/x-netcdf", ".nc", "bella.formats.binary:netcdf"),
-        Format("parquet", "application/vnd.apache.parquet", ".parquet", "bella.formats.binary:parquet"),
+        Format("json", "application/json", ".json", "text:json_text", "text:json_pieces"),
+        Format("csv", "text/csv", ".csv", "text:csv_text", "text:csv_pieces"),
+        Format("ecsv", "text/ecsv", ".ecsv", "astropy_tables:ecsv", "astropy_tables:ecsv_pieces"),
+        Format(
+            "votable", "application/x-votable+xml", ".vot", "astropy_tables:votable", "astropy_tables:votable_pieces"
+        ),
+        Format("tfcat", "application/tfcat+json", ".tfcat.json", "tfcat:tfcat"),
+        Format("cdf", "application/x-cdf", ".cdf", "binary:istp_cdf"),
+        Format("netcdf", "application/x-netcdf", ".nc", "binary:netcdf", "binary:netcdf_pieces"),
+        Format("parquet", "application/vnd.apache.parquet", ".parquet", "binary:parquet", "binary:parquet_pieces"),
     )
 }
 """Formats by name; ``json`` is what is given where none is asked for."""

@@ -88,7 +88,7 @@ class Begun:
     Attributes
     ----------
     given : BurstInput
-        With its spectra in the store, and with all of its sources.
+        With its spectra in the store, once a solution is published.
     choice : Choice
     around : Surroundings
     begun_utc : datetime.datetime
@@ -110,9 +110,11 @@ class Begun:
 
 
 def process_burst(given: BurstInput, choice: Choice, settings: Settings, run_id: str) -> BurstOutcome:
-    """Localise a burst: :func:`begin_burst`, and :func:`finish_burst` at once."""
-    begun = begin_burst(given, choice, settings, run_id)
-    return begun if isinstance(begun, BurstOutcome) else finish_burst(begun, settings, run_id)
+    """Localise a burst: :func:`begin_burst`, and :func:`continue_burst` to its end."""
+    done = begin_burst(given, choice, settings, run_id)
+    while isinstance(done, Begun):
+        done = continue_burst(done, settings, run_id)
+    return done
 
 
 def begin_burst(given: BurstInput, choice: Choice, settings: Settings, run_id: str) -> Begun | BurstOutcome:
@@ -141,16 +143,16 @@ def begin_burst(given: BurstInput, choice: Choice, settings: Settings, run_id: s
     begun_utc = datetime.now(UTC)
     with _at_work(given.burst.burst_id, settings, run_id) as (catalogue, lease):
         around = surroundings_of(given.burst.start_utc, settings)
-        spectra_path = store_spectra(given.spectra, given.burst, catalogue, settings)
-        burst = replace(given.burst, spectra_path=spectra_path, origin=given.origin)
-        given = replace(given, burst=burst, sources=(*given.sources, *around.sources()))
-        work = _Work(Begun(given, choice, around, begun_utc), catalogue, settings, lease)
+        burst = replace(given.burst, origin=given.origin)
+        work = _Work(Begun(replace(given, burst=burst), choice, around, begun_utc), catalogue, settings, lease)
         begun = work.first() if len(burst.observatories) >= MIN_OBSERVATORIES else work.preliminary()
     return begun if begun.outcomes else BurstOutcome(burst.burst_id, reason=next(iter(begun.refused.values())))
 
 
-def finish_burst(begun: Begun, settings: Settings, run_id: str) -> BurstOutcome:
-    """Publish the other solutions of a burst, add what other methods say to all, and draw it.
+def continue_burst(begun: Begun, settings: Settings, run_id: str) -> Begun | BurstOutcome:
+    """Do the next step of a burst: one more solution, what other methods say of one, or in the end its figures.
+
+    Each takes a few seconds, so that work which is more urgent soon finds a worker.
 
     Parameters
     ----------
@@ -160,7 +162,8 @@ def finish_burst(begun: Begun, settings: Settings, run_id: str) -> BurstOutcome:
 
     Returns
     -------
-    BurstOutcome
+    Begun or BurstOutcome
+        The latter where nothing is left to be done.
 
     Raises
     ------
@@ -170,10 +173,11 @@ def finish_burst(begun: Begun, settings: Settings, run_id: str) -> BurstOutcome:
     burst_id = begun.given.burst.burst_id
     with _at_work(burst_id, settings, run_id) as (catalogue, lease):
         work = _Work(begun, catalogue, settings, lease)
-        outcomes = [work.compared(one) for one in work.others()]
-        draw_burst(begun.given, [Drawn(one.solution, one.track) for one in outcomes], settings, begun.around)
+        if work.other() or work.compared():
+            return work.begun
+        draw_burst(begun.given, [Drawn(one.solution, one.track) for one in begun.outcomes], settings, begun.around)
         # a later one of these may have become the preferred solution
-        last = [replace(one, solution=catalogue.solution(one.solution.solution_id)) for one in outcomes]
+        last = [replace(one, solution=catalogue.solution(one.solution.solution_id)) for one in begun.outcomes]
         return BurstOutcome(burst_id, tuple(last))
 
 
@@ -233,21 +237,26 @@ class _Work:
         self._try(edges[0], lambda edge: self._preliminary(edge, edges[1:]))
         return self.begun
 
-    def others(self) -> tuple[Outcome, ...]:
-        """Solutions of all edges; a preliminary track stands alone."""
-        if self.begun.outcomes[0].solution.answer.tier == FINAL:
-            for edge in self._edges_left():
-                self._try(edge, self._final)
-        return self.begun.outcomes
+    def other(self) -> bool:
+        """Whether an edge was left, which is tried now; a preliminary track stands alone."""
+        edges = self._edges_left() if self.begun.outcomes[0].solution.answer.tier == FINAL else []
+        if edges:
+            self._try(edges[0], self._final)
+        return bool(edges)
 
-    def compared(self, outcome: Outcome) -> Outcome:
-        """Solution with what other methods say of its track, computed where it is not there yet."""
-        if not outcome.track.get("companions_pending"):
-            return outcome
-        solution, timing = outcome.solution, self._timing(outcome.solution.series.edge)
+    def compared(self) -> bool:
+        """Whether a solution lacked what other methods say of its track, which is added now."""
+        waiting = [one for one in self.begun.outcomes if one.track.get("companions_pending")]
+        if not waiting:
+            return False
+        solution, timing = waiting[0].solution, self._timing(waiting[0].solution.series.edge)
         fitted = self.begun.fitted.get(solution.solution_id) or self._fitted(timing, solution.series)
         beside = companions(fitted, timing, self.settings.seed, self.begun.around)
-        return replace(outcome, track=self.catalogue.add_companions(solution.solution_id, beside, self.lease))
+        done = replace(waiting[0], track=self.catalogue.add_companions(solution.solution_id, beside, self.lease))
+        outcomes = tuple(done if one is waiting[0] else one for one in self.begun.outcomes)
+        fits = {name: one for name, one in self.begun.fitted.items() if name != solution.solution_id}
+        self.begun = replace(self.begun, outcomes=outcomes, fitted=fits)
+        return True
 
     def _edges_left(self) -> list[str]:
         # the edge that the rule prefers comes first: what is published after it leaves the choice as it is
@@ -271,7 +280,7 @@ class _Work:
     def _final(self, edge: str) -> Outcome:
         """Solution of one series: the one that is there if its inputs are the same, else a new version."""
         series, timing = self._series(edge), self._timing(edge)
-        checksum = inputs_hash(timing, self.given.sources, series, self.settings)
+        checksum = inputs_hash(timing, self.begun.around.sources(), series, self.settings)
         if (same := self._same(series, checksum)) is not None:
             return same
         burst_id = self.given.burst.burst_id
@@ -282,7 +291,7 @@ class _Work:
             track["preliminary"] = level.model_dump(mode="json")
         if self.given.published_track:
             track["published"] = dict(self.given.published_track)
-        done = self._published(Draft(self.given.burst, series, checksum, fitted.drawn, track, self.given.sources))
+        done = self._published(series, checksum, fitted.drawn, track)
         self.begun = replace(self.begun, fitted={**self.begun.fitted, done.solution.solution_id: fitted})
         return done
 
@@ -297,21 +306,23 @@ class _Work:
         final = [one for one in _versions(self.catalogue, burst_id) if one.answer.tier == FINAL]
         if final:
             raise NotPlacedError(f"two spacecraft give no more than {final[0].solution_id}, which stands")
-        parts = [inputs_hash(one, self.given.sources, series, self.settings) for one in (timing, *second)]
+        around = self.begun.around.sources()
+        parts = [inputs_hash(one, around, series, self.settings) for one in (timing, *second)]
         checksum = hashlib.sha256(" ".join([PRELIMINARY, *parts]).encode()).hexdigest()
         if (same := self._same(series, checksum)) is not None:
             return same
         joint = computed(lambda: fit_preliminary(*(_grid(one, series) for one in (timing, *second[:1]))))
         track = Track(remark=APPARENT_SOURCE, rotation_period_d=joint.rotation_period_d, joint=joint)
         circle = circle_dataset(joint, burst_id, edge)
-        stored = track.model_dump(mode="json")
-        return self._published(Draft(self.given.burst, series, checksum, circle, stored, self.given.sources))
+        return self._published(series, checksum, circle, track.model_dump(mode="json"))
 
     def _timing(self, edge: str) -> Timing:
         channels = self.given.channel_arrivals.get(edge)
         located = None if channels is None else locate_receivers(channels)
         is_first = edge == next(iter(self.given.arrivals))
-        return Timing(locate_receivers(self.given.arrivals[edge]), located, self.given.directions, is_first)
+        measured_in = self.given.sources if self.given.is_timed else ()
+        arrivals = locate_receivers(self.given.arrivals[edge])
+        return Timing(arrivals, located, self.given.directions, is_first, measured_in)
 
     def _same(self, series: Series, checksum: str) -> Outcome | None:
         same = self.catalogue.find_solution(self.given.burst.burst_id, series, checksum, bella.__version__)
@@ -320,20 +331,27 @@ class _Work:
         log.info("nothing new", solution_id=same.solution_id, edge=series.edge, preset=series.preset)
         return Outcome(same, new=False, track=self.catalogue.track_fit(same.solution_id))
 
-    def _published(self, draft: Draft) -> Outcome:
+    def _published(self, series: Series, checksum: str, posterior: xr.Dataset, track: dict[str, Any]) -> Outcome:
+        given = self.given
+        if given.burst.spectra_path is None and given.spectra is not None:
+            path = store_spectra(given.spectra, given.burst, self.catalogue, self.settings)
+            given = replace(given, burst=replace(given.burst, spectra_path=path))
+            self.begun = replace(self.begun, given=given)
+        sources = (*given.sources, *self.begun.around.sources())
+        draft = Draft(given.burst, series, checksum, posterior, track, sources)
         solution = publish(draft, self.catalogue, self.settings, self.lease)
-        came = self.given.received
+        came = given.received
         times = SolutionTimes(
-            self.given.burst.end_utc,
+            given.burst.end_utc,
             came.seen_utc,
             came.fetched_utc,
             self.begun.begun_utc,
             datetime.now(UTC),
-            self.given.origin,
+            given.origin,
         )
         self.catalogue.operation.record_times(solution.solution_id, times)
-        log.info("published", solution_id=solution.solution_id, edge=draft.series.edge, preset=draft.series.preset)
-        return Outcome(solution, new=True, track=draft.track)
+        log.info("published", solution_id=solution.solution_id, edge=series.edge, preset=series.preset)
+        return Outcome(solution, new=True, track=track)
 
 
 def _posterior(arrivals: pd.DataFrame, burst_id: str, series: Series, settings: Settings) -> xr.Dataset:

@@ -32,7 +32,7 @@ from bella.bursts.timing import (
     time_burst,
     why_not_timed,
 )
-from bella.catalogue import Burst, BurstQuery, Catalogue, Detection
+from bella.catalogue import Burst, BurstQuery, Catalogue, Detection, SourceFile
 from bella.exceptions import BellaError, InputError, NoDataError, NotPlacedError
 from bella.flags import CATALOGUED, LOCALISABLE
 from bella.pipeline.day_files import DayFiles, check_content
@@ -315,13 +315,35 @@ def timed_burst(files: DayFiles, one: FoundBurst) -> BurstInput:
         arrivals,
         {edge: each.edges for edge, each in kept.items()},
         _shown(members, burst),
-        files.sources,
+        sources_of(files, parts),
         channel_arrivals=_channel_tables(kept, members),
         directions=_directions(members, burst, record),
         origin=origin_of(member.searched.over for member in members),
         received=received(files.paths),
         collapsed=collapsed_of(kept.get(SHARED)),
+        is_timed=True,
     )
+
+
+def sources_of(files: DayFiles, parts: Sequence[xr.Dataset]) -> tuple[SourceFile, ...]:
+    """Files that a burst is read from: of its spacecraft, and of the days that its records reach into.
+
+    Parameters
+    ----------
+    files : DayFiles
+    parts : sequence of Dataset
+        What :func:`bella.bursts.timing.burst_spectrum` returns for each spacecraft.
+
+    Returns
+    -------
+    tuple of SourceFile
+        Of a folder that a user has brought, all files of the day.
+    """
+    if files.folder is not None:
+        return files.sources
+    days = {aware(time).date() for part in parts for time in part["time"].to_numpy()[[0, -1]]}
+    names = {str(name) for part in parts for name in np.atleast_1d(part.attrs["source_files"])}
+    return tuple(one for one in files.sources if one.day in days and one.uri in names)
 
 
 def _directions(members: Sequence[Member], burst: AssociatedBurst, record: Burst) -> pd.DataFrame:

@@ -5,7 +5,7 @@ published before is found and only drawn.
 """
 
 from collections.abc import Iterable, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from datetime import date
 from pathlib import Path
 from typing import Any
@@ -23,8 +23,9 @@ from bella.exceptions import BellaError, StoreError
 from bella.pipeline.day import day_spectra
 from bella.pipeline.day_files import DayFiles
 from bella.pipeline.inputs import BurstInput, origin_of
+from bella.pipeline.page_figures import Answered, first_look, first_look_path, keep_first_look
 from bella.pipeline.progress import counter
-from bella.pipeline.surroundings import Surroundings, draw_wind, has_wind
+from bella.pipeline.surroundings import Surroundings, has_wind, wind_drawn
 from bella.plotting import (
     Caption,
     MapView,
@@ -35,16 +36,16 @@ from bella.plotting import (
     day_figure,
     edge_name,
     origin_warning,
+    shared_profile_caption,
+    shared_profile_figure,
     spectra_caption,
     spectra_figure,
-    write_collapsed_png,
-    write_density_png,
+    wind_map_caption,
     write_figure,
-    write_polar_fit_png,
     write_whole,
 )
-from bella.settings import COLLAPSED_FIGURE, FIT_FIGURES, WIND_FIGURE, Settings
-from bella.store import open_group
+from bella.settings import COLLAPSED_FIGURE, WIND_FIGURE, Settings
+from bella.store import open_group, open_tree
 
 log = structlog.get_logger(__name__)
 
@@ -65,7 +66,7 @@ class Drawn:
 
 
 def draw_burst(given: BurstInput, solutions: Sequence[Drawn], settings: Settings, around: Surroundings) -> None:
-    """Draw constellation, fits, wind, spectra and profile of a burst, unless all were drawn after its newest solution.
+    """Draw constellation, wind, spectra and profile of a burst, unless all were drawn after its newest solution.
 
     Parameters
     ----------
@@ -112,29 +113,56 @@ def _draw(given: BurstInput, solutions: Sequence[Drawn], settings: Settings, aro
         )
         advance(1)
     for one, view in zip(positions, views, strict=True):
-        polar_fit, density = fit_figures(one.solution, settings)
-        write_polar_fit_png(polar_fit, view.posterior, view.track_fit | view.track_fit.get("companions", {}))
-        write_density_png(density, view.posterior)
         if has_wind(view.track_fit):
-            draw_wind(wind_figure(one.solution, settings), view.posterior, view.track_fit, around)
-        advance(2 + has_wind(view.track_fit))
-    if given.collapsed is not None:
-        for path in collapsed_figures(given, solutions, settings):
-            write_collapsed_png(path, given.collapsed)
+            wind = wind_drawn(view.posterior, view.track_fit, around)
+            _keep(wind, Caption(wind_map_caption(), said, warning), wind_figure(one.solution, settings))
             advance(1)
+    if given.collapsed is not None:
+        profile = shared_profile_figure(given.collapsed)
+        for path in collapsed_figures(given, solutions, settings):
+            _keep(profile, Caption(shared_profile_caption(), said, warning), path)
+            advance(1)
+    for one in complete(solutions):
+        _keep_page(given, one, settings)
+        advance(1)
     if given.spectra is not None:
         drawn = spectra_figure(given.spectra, given.channel_edges, SpectraView())
         write_figure(spectra_path(given, settings), drawn, Caption(spectra_caption("spacecraft"), said, warning))
         advance(1)
 
 
+def _keep_page(given: BurstInput, drawn: Drawn, settings: Settings) -> None:
+    """Keep what the page of a burst shows of a solution at first."""
+    solution, root = drawn.solution, settings.store_root
+    burst = replace(given.burst, spectra_path=solution.spectra_path)
+    answer = Answered(solution, open_group(root, solution.store_path), drawn.track)
+    tree = open_tree(root, solution.spectra_path) if solution.spectra_path else None
+    keep_first_look(page_path(given, drawn, settings), first_look(burst, answer, tree))
+
+
+def page_path(given: BurstInput, drawn: Drawn, settings: Settings) -> Path:
+    """File of what the page of a burst shows of a solution at first."""
+    return first_look_path(replace(given.burst, spectra_path=drawn.solution.spectra_path), drawn.solution, settings)
+
+
+def complete(solutions: Sequence[Drawn]) -> list[Drawn]:
+    """Solutions whose tracks nothing will be added to."""
+    return [one for one in solutions if not one.track.get("companions_pending")]
+
+
+def _keep(drawn: str, caption: Caption, path: Path) -> None:
+    """Write a figure of a solution for the page, without a style of its own, and beside it as a picture."""
+    write_whole(path, drawn)
+    write_figure(path.with_suffix(".png"), drawn, caption)
+
+
 def figure_paths(given: BurstInput, solutions: Sequence[Drawn], settings: Settings) -> list[Path]:
     """Files of the figures of a run; each method and preset has a constellation of its own, the spectra are last."""
     positions = [one for one in solutions if one.has_positions]
     paths = [constellation(given, positions[0].solution, settings)] if positions else []
-    paths += [path for one in positions for path in fit_figures(one.solution, settings)]
     paths += [wind_figure(one.solution, settings) for one in positions if has_wind(one.track)]
     paths += collapsed_figures(given, solutions, settings)
+    paths += [page_path(given, one, settings) for one in complete(solutions)]
     return [*paths, *([spectra_path(given, settings)] if given.spectra is not None else [])]
 
 
@@ -149,20 +177,15 @@ def spectra_path(given: BurstInput, settings: Settings) -> Path:
     return settings.figures_root / given.burst.burst_id / "spectra.svg"
 
 
-def fit_figures(solution: Solution, settings: Settings) -> list[Path]:
-    """Files of the figures of one solution, in the order of their names in `Settings`."""
-    return [settings.fit_figure(solution.burst_id, solution.solution_id, name) for name in FIT_FIGURES]
-
-
 def wind_figure(solution: Solution, settings: Settings) -> Path:
     """File of the map of the wind of one solution, which is drawn where the wind was measured."""
-    return settings.fit_figure(solution.burst_id, solution.solution_id, WIND_FIGURE)
+    return settings.solution_figure(solution.burst_id, solution.solution_id, WIND_FIGURE)
 
 
 def collapsed_figures(given: BurstInput, solutions: Sequence[Drawn], settings: Settings) -> list[Path]:
     """Files of the light curves on their shared profile, one for each solution that was timed by it."""
     timed = [one.solution for one in solutions if given.collapsed is not None and one.solution.series.edge == SHARED]
-    return [settings.fit_figure(one.burst_id, one.solution_id, COLLAPSED_FIGURE) for one in timed]
+    return [settings.solution_figure(one.burst_id, one.solution_id, COLLAPSED_FIGURE) for one in timed]
 
 
 def is_drawn(figure: Path, solutions: Sequence[Drawn]) -> bool:

@@ -7,7 +7,7 @@ tracks, seeds and settings, from which the same draws can be made again.
 import re
 from collections.abc import Callable
 from contextlib import closing
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
 
@@ -18,7 +18,7 @@ from bella.catalogue import Catalogue, Solution, StoredGroup
 from bella.exceptions import BusyError, NoDataError, StoreError
 from bella.pipeline.publication import store_group
 from bella.settings import Settings
-from bella.store import content_sha256, open_group, open_tree, sweep
+from bella.store import FOLDER, SUFFIX, content_sha256, open_group, open_tree, packed_folder, place_group, sweep
 
 SWEEP = "sweep"
 """Stage under which the lease of the store is held."""
@@ -26,7 +26,7 @@ SWEEP = "sweep"
 DRAWS = "draw"
 """Dimensions whose names begin so are those of draws."""
 
-SPECTRA = re.compile(r"/spectra-([0-9a-f]{8})-[0-9a-f]{8}\.zarr$")
+SPECTRA = re.compile(r"/spectra-([0-9a-f]{8})-[0-9a-f]{8}\.zarr\.zip$")
 """Name of the spectra of a burst: it begins with the first digits of their checksum."""
 
 log = structlog.get_logger(__name__)
@@ -119,10 +119,43 @@ def _pruned(solution: Solution, catalogue: Catalogue, settings: Settings, *, dry
     draws = int(group.sizes.get(DRAWS, 0))
     if not dry_run:
         kept = group.drop_dims(dimensions).load()
-        name = solution.store_path.removesuffix(".zarr")
+        name = solution.store_path.removesuffix(SUFFIX)
         catalogue.note_pruned(solution.solution_id, *store_group(kept, settings, f"{name}-pruned"))
         log.info("draws pruned", solution_id=solution.solution_id, draws=draws)
     return Pruned(solution.solution_id, draws)
+
+
+def pack(settings: Settings, advance: Callable[[int], None] = lambda _: None) -> int:
+    """Make one file of each group that an older version has stored as a folder; the next sweep frees the folders.
+
+    Parameters
+    ----------
+    settings : Settings
+    advance : callable
+        Told 1 after each group.
+
+    Returns
+    -------
+    int
+        Number of groups.
+
+    Raises
+    ------
+    StoreError
+        If one is damaged or cannot be written; those before it are packed.
+    """
+    root = settings.store_root
+    with closing(Catalogue.open(settings.catalogue_url)) as catalogue:
+        groups = [one for one in catalogue.stored_groups() if one.store_path.endswith(FOLDER)]
+        for group in groups:
+            path = f"{group.store_path.removesuffix(FOLDER)}{SUFFIX}"
+            if not (root / path).exists():  # a pack that was killed may have placed it
+                place_group(packed_folder(root, group.store_path), root, path)
+            if damage := damage_of(replace(group, store_path=path), root):
+                raise StoreError(damage)
+            catalogue.note_packed(group.store_path, path)
+            advance(1)
+    return len(groups)
 
 
 def damage_of(group: StoredGroup, root: Path) -> str:

@@ -63,6 +63,8 @@ class BurstInput:
     collapsed : DataFrame or None
         Light curves on the time axis of the shared profile, as :func:`bella.plotting.write_collapsed_png` takes them;
         None where the burst has no such edge.
+    is_timed : bool
+        Whether the arrival times were measured in the sources; otherwise they were given.
     """
 
     burst: Burst
@@ -76,6 +78,7 @@ class BurstInput:
     origin: Origin = Origin.ARCHIVE
     received: Received = field(default_factory=Received)
     collapsed: pd.DataFrame | None = None
+    is_timed: bool = False
 
 
 def origin_of(spectra: Iterable[xr.Dataset]) -> Origin:

@@ -9,7 +9,7 @@ from bella.exceptions import BellaError
 from bella.pipeline.burst import Outcome
 from bella.records import DayAnswer
 
-NOTHING_NEW, SEARCHED, FAILED = "nothing new", "searched", "failed"
+NOTHING_NEW, SEARCHED, FAILED, OVERTAKEN = "nothing new", "searched", "failed", "overtaken"
 UNANSWERED = (DayAnswer.ARCHIVE_SILENT, DayAnswer.NOT_SEARCHABLE)
 """Answers about a day that end a run as failed: they say that something has to be mended or asked again."""
 
@@ -25,8 +25,9 @@ class DayOutcome:
     ----------
     day : datetime.date
     state : str
-        "searched"; "nothing new": the same files were searched before; "failed": tried again by the next run; or the
-        answer, where there was nothing to search.
+        "searched"; "nothing new": the same files were searched before; "failed": tried again by the next run;
+        "overtaken": newer files have come, and it is begun again with them; or the answer, where there was nothing to
+        search.
     answer : DayAnswer or None
         None where the run failed.
     observatories : tuple of str

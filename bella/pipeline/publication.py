@@ -14,24 +14,31 @@ import pandas as pd
 import xarray as xr
 
 import bella
-from bella.arrivals import arrivals_csv
+from bella.arrivals import POSITION, arrivals_csv
 from bella.catalogue import Burst, Catalogue, Lease, Localisation, Publication, Series, Solution, SourceFile
 from bella.exceptions import NoDataError, StoreError
 from bella.formats import localisation_records
 from bella.multilateration import PRESETS
 from bella.pipeline.tracks import TRACK_RECIPE, Timing
 from bella.settings import Settings
-from bella.store import content_sha256, place_group, rounded_draws, stage_group, verify_group
+from bella.store import SUFFIX, content_sha256, place_group, rounded_draws, stage_group, verify_group
+
+PLACES = 2
+"""Decimals of the positions of receivers, R_sun, that make another solution: errors of arrival times are larger."""
 
 
-def inputs_hash(timing: Timing, sources: tuple[SourceFile, ...], series: Series, settings: Settings) -> str:
+def inputs_hash(timing: Timing, around: tuple[SourceFile, ...], series: Series, settings: Settings) -> str:
     """Checksum of everything a solution depends on but the code.
+
+    Where arrival times were measured, the files of the burst count in place of them: files of the days beside it change
+    the quiet level by a little, and make no new version of a burst that they do not reach.
 
     Parameters
     ----------
     timing : Timing
         Arrival tables with the positions of the receivers, and wave directions.
-    sources : tuple of SourceFile
+    around : tuple of SourceFile
+        Wind and regions, which the track is compared with.
     series : Series
     settings : Settings
 
@@ -46,9 +53,15 @@ def inputs_hash(timing: Timing, sources: tuple[SourceFile, ...], series: Series,
         "draws": settings.draws,
         "seed": settings.seed,
         "track": TRACK_RECIPE,
-        "sources": sorted(source.sha256 for source in sources),
+        "around": sorted(source.sha256 for source in around),
     }
-    text = json.dumps(choices, sort_keys=True) + arrivals_csv(timing.arrivals)
+    text = json.dumps(choices, sort_keys=True)
+    if timing.sources:
+        receivers = timing.arrivals.drop_duplicates("observatory")[["observatory", *POSITION]].round(PLACES)
+        sums = sorted(source.sha256 for source in timing.sources)
+        text += receivers.sort_values("observatory").to_csv(index=False) + "\n".join(sums)
+        return hashlib.sha256(text.encode()).hexdigest()
+    text += arrivals_csv(timing.arrivals)
     if timing.channels is not None:
         text += arrivals_csv(timing.channels)
     if timing.directions is not None and len(timing.directions):
@@ -72,11 +85,11 @@ def store_group(group: xr.Dataset | xr.DataTree, settings: Settings, name: str) 
     """
     staged = stage_group(group, settings.store_root)
     sha256 = verify_group(staged, group)
-    unique = f"{name}-{sha256[:8]}-{uuid.uuid4().hex[:8]}.zarr"
+    unique = f"{name}-{sha256[:8]}-{uuid.uuid4().hex[:8]}{SUFFIX}"
     return place_group(staged, settings.store_root, unique), sha256
 
 
-def store_spectra(spectra: xr.DataTree | None, burst: Burst, catalogue: Catalogue, settings: Settings) -> str | None:
+def store_spectra(spectra: xr.DataTree, burst: Burst, catalogue: Catalogue, settings: Settings) -> str:
     """Keep the spectra of a burst, unless the same ones are kept already.
 
     Parameters
@@ -88,14 +101,12 @@ def store_spectra(spectra: xr.DataTree | None, burst: Burst, catalogue: Catalogu
 
     Returns
     -------
-    str or None
+    str
         Store path.
     """
-    if spectra is None:
-        return None
     kept = _kept_spectra(burst, catalogue)
     is_same = kept is not None and f"spectra-{content_sha256(spectra)[:8]}-" in kept
-    if kept is not None and is_same and (settings.store_root / kept).is_dir():
+    if kept is not None and is_same and (settings.store_root / kept).is_file():
         return kept
     return store_group(spectra, settings, f"{burst.burst_id}/spectra")[0]
 
@@ -160,7 +171,7 @@ def publish(draft: Draft, catalogue: Catalogue, settings: Settings, lease: Lease
     paths = [path for path in (store_path, draft.burst.spectra_path) if path is not None]
 
     def _check() -> None:
-        gone = [path for path in paths if not (settings.store_root / path).is_dir()]
+        gone = [path for path in paths if not (settings.store_root / path).is_file()]
         if gone:
             raise StoreError(f"{gone[0]} has left the store while its solution was computed: run again")
 

@@ -56,7 +56,7 @@ from bella.pipeline.rows import (
 )
 from bella.records import REAL_ORIGINS, Origin
 from bella.settings import Settings
-from bella.store import copy_group, flush_tree, open_group
+from bella.store import SUFFIX, copy_group, flush_tree, open_group
 
 TABLES = (BURSTS, TRACKS, LOCALISATIONS, ARRIVALS, EVENTS, DETECTIONS, DAYS)
 WHOLE = (BURSTS, TRACKS, EVENTS)
@@ -460,7 +460,7 @@ def _check_tables(folder: Path, release: Release) -> None:
             raise StoreError(f"{schema.name} has {rows} rows, and not {release.rows[schema.name]} as {RECORD} says")
     for schema in (one for one in WHOLE if one in known):
         _compare_votable(folder / f"{schema.name}.vot", _whole(folder, schema))
-    groups = sum(1 for _ in (folder / POSTERIORS).glob("*/*.zarr"))
+    groups = sum(1 for _ in (folder / POSTERIORS).glob(f"*/*{SUFFIX}"))
     if groups != release.posteriors:
         raise StoreError(f"there are {groups} posteriors, and not {release.posteriors} as {RECORD} says")
 

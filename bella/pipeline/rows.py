@@ -60,17 +60,17 @@ def burst_row(summary: BurstSummary) -> Row:
 def track_rows(catalogue: Catalogue, summaries: Iterable[BurstSummary]) -> Iterator[Row]:
     """Rows of bursts in the table of tracks; none of a burst whose preferred solution has no track."""
     for some in batches(one for one in summaries if one.preferred):
-        tracks = catalogue.tracks_of([one.preferred.solution_id for one in some if one.preferred])
+        joints = catalogue.joints_of(one.preferred for one in some if one.preferred)
         for summary in some:
             preferred = summary.preferred
-            if preferred is None or preferred.solution_id not in tracks:
+            if preferred is None or preferred.solution_id not in joints:
                 continue
             yield {
                 "burst_id": summary.burst.burst_id,
                 "start_utc": summary.burst.start_utc,
                 "grade": preferred.answer.grade,
                 "tier": preferred.answer.tier,
-                **track_numbers(tracks[preferred.solution_id].joint),
+                **track_numbers(joints[preferred.solution_id]),
                 **_series(preferred),
             }
 

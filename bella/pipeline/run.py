@@ -20,7 +20,7 @@ import structlog
 import bella
 from bella.catalogue import Catalogue, SearchedDay, Submission
 from bella.exceptions import BellaError, InputError, NoDataError, NotPlacedError, StoreError
-from bella.pipeline.burst import Begun, BurstOutcome, Choice, begin_burst, finish_burst, process_burst
+from bella.pipeline.burst import Begun, BurstOutcome, Choice, begin_burst, continue_burst, process_burst
 from bella.pipeline.day import (
     DAY,
     NO_PRELIMINARY,
@@ -38,7 +38,7 @@ from bella.pipeline.draw import draw_day, redraw_day
 from bella.pipeline.housekeeping import sweep_store
 from bella.pipeline.inputs import load_burst
 from bella.pipeline.observability import observed_day
-from bella.pipeline.outcome import FAILED, NOTHING_NEW, SEARCHED, DayOutcome, remarks
+from bella.pipeline.outcome import FAILED, NOTHING_NEW, OVERTAKEN, SEARCHED, DayOutcome, remarks
 from bella.pipeline.progress import counter
 from bella.pipeline.workers import LATER_S, Workers
 from bella.records import DayAnswer, Origin
@@ -68,12 +68,16 @@ class Run:
         Name under which it holds leases and logs.
     workers : Workers
     choice : Choice
+    is_overtaken : callable
+        Whether newer files of a day have come while it is processed: it then ends after the step that it is at, and
+        whoever started it starts it again.
     """
 
     settings: Settings
     run_id: str
     workers: Workers
     choice: Choice = field(default_factory=Choice)
+    is_overtaken: Callable[[DayFiles], bool] = lambda _: False
 
 
 class Pending(Protocol):
@@ -280,11 +284,16 @@ def process_day(files: DayFiles, known: Sequence[KnownBurst], run: Run) -> DayOu
             outcome = DayOutcome(day, NOT_SEARCHABLE.value, NOT_SEARCHABLE, message=str(error).partition("\n")[0])
             catalogue.record_day(_record_of(files, outcome, files.origin), (), lease)
             return outcome
+        if run.is_overtaken(files):
+            return DayOutcome(day, OVERTAKEN)
         work = [(files, one, run.choice, settings, run.run_id) for one in found.bursts if one.edges]
-        begun = workers.map(begin_found, work, now)
-        left = [(one, settings, run.run_id) for one in begun if isinstance(one, Begun)]
-        refused = [one for one in begun if isinstance(one, BurstOutcome)]
-        bursts = {one.burst_id: one for one in [*refused, *workers.map(finish_burst, left, later)]}
+        done = workers.map(begin_found, work, now)
+        while left := [one for one in done if isinstance(one, Begun)]:
+            if run.is_overtaken(files):
+                return DayOutcome(day, OVERTAKEN)
+            further = iter(workers.map(continue_burst, [(one, settings, run.run_id) for one in left], later))
+            done = [next(further) if isinstance(one, Begun) else one for one in done]
+        bursts = {one.burst_id: one for one in done if isinstance(one, BurstOutcome)}
         outcome = _outcome_of(found, bursts)
         verdicts = {one.found.burst_id: (one.burst_id, _reason(one, bursts.get(one.burst_id))) for one in found.bursts}
         records = detection_records(found.table, verdicts)

@@ -14,7 +14,7 @@ import xarray as xr
 
 from bella.catalogue import SourceFile
 from bella.exceptions import InputError, NoDataError
-from bella.plotting import WindScene, write_wind_map_png
+from bella.plotting import WindScene, wind_map_figure
 from bella.settings import Settings
 from bella.solar_wind import (
     HALF_ROTATION,
@@ -253,16 +253,19 @@ def has_wind(track: Mapping[str, Any]) -> bool:
     return "boundary" in track.get("companions", {}).get("wind", {})
 
 
-def draw_wind(path: Path, posterior: xr.Dataset, track: Mapping[str, Any], around: Surroundings) -> None:
-    """Draw the wind around a burst with its track in it.
+def wind_drawn(posterior: xr.Dataset, track: Mapping[str, Any], around: Surroundings) -> str:
+    """Figure of the wind around a burst with its track in it, SVG.
 
     Parameters
     ----------
-    path : Path
     posterior : xarray.Dataset
     track : mapping
         As it is stored.
     around : Surroundings
+
+    Returns
+    -------
+    str
 
     Raises
     ------
@@ -280,4 +283,4 @@ def draw_wind(path: Path, posterior: xr.Dataset, track: Mapping[str, Any], aroun
     receivers = {name: position_hee(name, [utc], utc)[0] for name in known}
     along = speed_at_sources(found, sources, utc)
     scene = WindScene(utc, sources, line, receivers, drawn, along.mean_km_s, along.sd_km_s)
-    write_wind_map_png(path, found.map_at(utc), scene)
+    return wind_map_figure(found.map_at(utc), scene)

@@ -10,7 +10,7 @@ import structlog
 import xarray as xr
 
 from bella.arrivals import ArrivalGrid, arrival_grid
-from bella.catalogue import Series
+from bella.catalogue import Series, SourceFile
 from bella.exceptions import BellaError, ConvergenceError, GeometryError, InputError, NoDataError
 from bella.flags import NOT_COMPUTED
 from bella.multilateration.priors import apply_sigma_rule, find_preset
@@ -64,12 +64,15 @@ class Timing:
         Wave directions of the burst, where its spectra carry them.
     compared : bool
         Whether models with laws are weighed beside the track: done for one edge of a burst.
+    sources : tuple of SourceFile
+        Files that the times were measured in; none where the times were given.
     """
 
     arrivals: pd.DataFrame
     channels: pd.DataFrame | None = None
     directions: pd.DataFrame | None = None
     compared: bool = True
+    sources: tuple[SourceFile, ...] = ()
 
 
 @dataclass(frozen=True)

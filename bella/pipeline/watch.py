@@ -1,7 +1,8 @@
 """Watch over the mirror: recent days are processed as their files come, those first whose files came last.
 
 A day whose files are newer than those of all days that are being processed is begun at once, and the workers prefer it:
-a new file waits for no more than the step that a worker is at, however many older days are still to be done.
+a new file waits for no more than the step that a worker is at, however many older days are still to be done. A day of
+which newer files come while it is processed ends after that step, and is begun again with them.
 """
 
 import os
@@ -9,6 +10,7 @@ import queue
 import time
 from collections.abc import Sequence
 from contextlib import closing, suppress
+from dataclasses import replace
 from datetime import UTC, date, datetime, timedelta
 from pathlib import Path
 
@@ -88,7 +90,7 @@ class Watch:
     """
 
     def __init__(self, run: Run, executor: Executor) -> None:
-        self._run, self._executor = run, executor
+        self._run, self._executor = replace(run, is_overtaken=self._is_overtaken), executor
         self._folders: dict[Path, int] = {}
         self._taken: dict[date, tuple[str, tuple[str, ...]]] = {}
         self._waiting: dict[date, DayFiles] = {}
@@ -138,6 +140,10 @@ class Watch:
         number, running = self._run.workers.number, self._running.values()
         newer = sum(one.came_s >= files.came_s for one in running)
         return newer < number and len(running) < OVERTAKING * number
+
+    def _is_overtaken(self, files: DayFiles) -> bool:
+        newest = self._waiting.get(files.day, files)  # neighbours that are newer change little, and come after it
+        return newest.came_s > files.came_s
 
     def _begin(self, files: DayFiles) -> None:
         with closing(Catalogue.open(self._run.settings.catalogue_url, create=True)) as catalogue:

@@ -1,7 +1,8 @@
-"""Figures: the constellation with its tracks, the spectra with their timed edges, the uncertainty map, P-P curves.
+"""Figures: the constellation with its tracks, spectra with their edges, days, maps of the ecliptic, P-P curves.
 
-The figures of the pages are SVG, written without any drawing library; the printed ones are PNG files drawn with
-matplotlib, which is imported when one of their functions is first asked for.
+All are SVG, written without any drawing library, with the colours of `figure.css`: the same on a page and in a file,
+as SVG, PNG or PDF. Only the small drawings for a notebook are on axes of matplotlib. What needs more than the API may
+import is imported when one of its functions is first asked for.
 """
 
 from importlib import import_module
@@ -9,6 +10,25 @@ from typing import TYPE_CHECKING, Any
 
 from bella.exceptions import require_extra
 from bella.plotting.constellation import MapView, constellation_caption, constellation_figure, thumbnail
+from bella.plotting.days import (
+    DayMark,
+    OnsetMark,
+    calendar_caption,
+    calendar_figure,
+    day_caption,
+    day_figure,
+    strips_figure,
+    zoomed_day,
+)
+from bella.plotting.ecliptic import (
+    WindScene,
+    coverage_caption,
+    coverage_figure,
+    planning_caption,
+    planning_figure,
+    wind_map_caption,
+    wind_map_figure,
+)
 from bella.plotting.evolution import evolution_caption, evolution_figure, residual_caption, residual_figure
 from bella.plotting.export import (
     KINDS,
@@ -17,14 +37,12 @@ from bella.plotting.export import (
     Kind,
     Theme,
     exported,
+    kind_of,
     origin_warning,
     write_figure,
     write_whole,
 )
-from bella.plotting.fleet import day_caption, day_figure
 from bella.plotting.geometry import TrackView, polar_track, selected_regions, speed_remark
-from bella.plotting.palette import edge_name
-from bella.plotting.planning import planning_caption, planning_figure
 from bella.plotting.selection import (
     Estimate,
     Marked,
@@ -34,18 +52,28 @@ from bella.plotting.selection import (
     wind_figure,
 )
 from bella.plotting.spectra import SpectraView, spectra_caption, spectra_figure
-from bella.plotting.svg import figure_style
-from bella.plotting.timeline import DayMark, OnsetMark, calendar_figure, strips_figure
+from bella.plotting.svg import edge_name, figure_style
 
 if TYPE_CHECKING:
-    from bella.plotting.calibration import comparison_panels, write_calibration_png
-    from bella.plotting.collapsed import write_collapsed_png
-    from bella.plotting.coverage import write_coverage_png
-    from bella.plotting.edges import write_edge_figures
-    from bella.plotting.light_curves import write_light_curves_png
-    from bella.plotting.quick import draw_arrivals, draw_detections, draw_positions, draw_track
-    from bella.plotting.track import write_density_png, write_polar_fit_png
-    from bella.plotting.wind import WindScene, write_wind_map_png
+    from bella.plotting.calibration import calibration_caption, calibration_figure, comparison_panels
+    from bella.plotting.light_curves import (
+        light_curves_caption,
+        light_curves_figure,
+        shared_profile_caption,
+        shared_profile_figure,
+        write_edge_figures,
+    )
+    from bella.plotting.notebook import draw_arrivals, draw_detections, draw_positions, draw_track
+
+_CALIBRATION = ("calibration_caption", "calibration_figure", "comparison_panels")
+_LIGHT_CURVES = (
+    "light_curves_caption",
+    "light_curves_figure",
+    "shared_profile_caption",
+    "shared_profile_figure",
+    "write_edge_figures",
+)
+_NOTEBOOK = ("draw_arrivals", "draw_detections", "draw_positions", "draw_track")
 
 __all__ = [
     "KINDS",
@@ -61,10 +89,15 @@ __all__ = [
     "Theme",
     "TrackView",
     "WindScene",
+    "calendar_caption",
     "calendar_figure",
+    "calibration_caption",
+    "calibration_figure",
     "comparison_panels",
     "constellation_caption",
     "constellation_figure",
+    "coverage_caption",
+    "coverage_figure",
     "day_caption",
     "day_figure",
     "draw_arrivals",
@@ -77,6 +110,9 @@ __all__ = [
     "exported",
     "figure_style",
     "footpoint_figure",
+    "kind_of",
+    "light_curves_caption",
+    "light_curves_figure",
     "longitude_figure",
     "origin_warning",
     "planning_caption",
@@ -86,44 +122,28 @@ __all__ = [
     "residual_figure",
     "selected_regions",
     "selection_caption",
+    "shared_profile_caption",
+    "shared_profile_figure",
     "spectra_caption",
     "spectra_figure",
     "speed_remark",
     "strips_figure",
     "thumbnail",
     "wind_figure",
-    "write_calibration_png",
-    "write_collapsed_png",
-    "write_coverage_png",
-    "write_density_png",
+    "wind_map_caption",
+    "wind_map_figure",
     "write_edge_figures",
     "write_figure",
-    "write_light_curves_png",
-    "write_polar_fit_png",
     "write_whole",
-    "write_wind_map_png",
+    "zoomed_day",
 ]
-
-_DRAWN_IN = {
-    "WindScene": "bella.plotting.wind",
-    "draw_arrivals": "bella.plotting.quick",
-    "draw_detections": "bella.plotting.quick",
-    "draw_positions": "bella.plotting.quick",
-    "draw_track": "bella.plotting.quick",
-    "comparison_panels": "bella.plotting.calibration",
-    "write_calibration_png": "bella.plotting.calibration",
-    "write_collapsed_png": "bella.plotting.collapsed",
-    "write_coverage_png": "bella.plotting.coverage",
-    "write_density_png": "bella.plotting.track",
-    "write_edge_figures": "bella.plotting.edges",
-    "write_light_curves_png": "bella.plotting.light_curves",
-    "write_polar_fit_png": "bella.plotting.track",
-    "write_wind_map_png": "bella.plotting.wind",
-}
 
 
 def __getattr__(name: str) -> Any:
-    if name in _DRAWN_IN:
+    rooms = {"calibration": _CALIBRATION, "light_curves": _LIGHT_CURVES, "notebook": _NOTEBOOK}
+    found = next((room for room, names in rooms.items() if name in names), None)
+    if found is None:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    if found == "notebook":
         require_extra("matplotlib")
-        return getattr(import_module(_DRAWN_IN[name]), name)
-    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    return getattr(import_module(f"bella.plotting.{found}"), name)

@@ -1,33 +1,22 @@
-"""P-P curves of a calibration run as a PNG file."""
+"""P-P curves of a calibration run, SVG."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from pathlib import Path
 
 import numpy as np
-from matplotlib.axes import Axes
-from matplotlib.figure import Figure
 
 from bella.calibration import Comparison
 from bella.calibration.ranks import pp_curve, simultaneous_band
-from bella.plotting.palette import INK
-from bella.plotting.printed import save_png
+from bella.plotting.svg import Scale, figure, line, path, words
 from bella.units import FloatArray
 
-COLUMNS = 5
+COLUMNS, LEAST_COLUMNS = 5, 3
 POINTS = 100
-COLOURS = 48
 DEPARTURE = 0.12
-"""Largest difference shown where the model is the truth."""
-CURVES = {
-    "x": ("#1f7fc1", "-"),
-    "y": ("#d95f02", "-"),
-    "z": ("#11936b", "-"),
-    "emission": ("#b8508f", "--"),
-    "speed": ("#8a6d00", ":"),
-    "density": (INK, "-."),
-}
-MISFIT = "#b02a2a"
+"""Least difference that a panel has room for; one whose truth the model does not know has room for all of its own."""
+
+CURVES = ("x", "y", "z", "emission", "speed", "density")
+LEFT, TOP, PANEL_WIDTH, PANEL_HEIGHT, GAP_X, GAP_Y, FOOT = 52.0, 48.0, 168.0, 96.0, 50.0, 30.0, 24.0
 
 
 @dataclass(frozen=True)
@@ -73,49 +62,66 @@ def comparison_panels(comparisons: Sequence[Comparison]) -> list[Panel]:
     ]
 
 
-def write_calibration_png(path: Path, panels: Sequence[Panel]) -> None:
-    """Write P-P curves, each less the diagonal, with their bands; the file appears whole or not at all.
+def calibration_figure(panels: Sequence[Panel]) -> str:
+    """P-P curves, each less the diagonal, with their bands; SVG.
 
     Parameters
     ----------
-    path : Path
-        Its folder is made when it does not exist.
     panels : sequence of Panel
         At least one.
+
+    Returns
+    -------
+    str
     """
     columns = min(COLUMNS, len(panels))
     rows = -(-len(panels) // columns)
-    figure = Figure(figsize=(1.2 + 2.0 * max(columns, 3), 0.9 + 1.55 * rows), layout="constrained")
-    places = np.atleast_1d(figure.subplots(rows, columns, sharex=True)).ravel()
-    for axes, panel in zip(places, panels, strict=False):
-        _draw_panel(axes, panel)
-    for axes in places[len(panels) :]:
-        axes.set_axis_off()
-    handles = {str(line.get_label()): line for axes in places for line in axes.get_lines()}
-    names = [name for name in CURVES if name in handles]
-    figure.legend(
-        [handles[name] for name in names],
-        names,
-        loc="outside upper center",
-        ncols=len(names),
-        fontsize=9,
-        frameon=False,
+    width = LEFT + max(columns, LEAST_COLUMNS) * (PANEL_WIDTH + GAP_X)
+    height = TOP + rows * (PANEL_HEIGHT + GAP_Y) + FOOT
+    parts: list[str] = []
+    for index, panel in enumerate(panels):
+        row, column = divmod(index, columns)
+        left, top = LEFT + column * (PANEL_WIDTH + GAP_X), TOP + row * (PANEL_HEIGHT + GAP_Y)
+        is_last = index + columns >= len(panels)
+        parts += _panel(panel, Scale(0.0, 1.0, left, left + PANEL_WIDTH), top, is_last=is_last)
+    names = [name for name in CURVES if any(name in panel.curves for panel in panels)]
+    for index, name in enumerate(names):
+        x = LEFT + 110 * index
+        parts.append(line(x, 14, x + 22, 14, class_=f"pp {name}"))
+        parts.append(words(name, x + 28, 18, class_="tick"))
+    parts.append(
+        words("Quantile of the posterior", (LEFT + width) / 2, height - 8, class_="axis-name", text_anchor="middle")
     )
-    figure.supxlabel("quantile of the posterior", fontsize=9)
-    figure.supylabel("share of truths below, less the quantile", fontsize=9)
-    save_png(figure, path, colours=COLOURS)
+    title = "Share of truths below each quantile, less the quantile, for each case of the calibration."
+    return figure("calibration", (width, height), title, *parts)
 
 
-def _draw_panel(axes: Axes, panel: Panel) -> None:
+def calibration_caption() -> str:
+    """What the P-P curves show, for a file of its own."""
+    return (
+        "Share of truths below each quantile of the posterior, less the quantile, with the band in which a curve "
+        "should stay. Red titles: cases whose truth the fitted model does not know."
+    )
+
+
+def _panel(panel: Panel, across: Scale, top: float, *, is_last: bool) -> Iterator[str]:
     probability = np.arange(1, POINTS + 1) / POINTS
-    low, high = (edge - probability for edge in panel.band)
-    axes.fill_between(probability, low, high, color="0.85", lw=0)
-    for name, curve in panel.curves.items():
-        colour, style = CURVES[name]
-        axes.plot(probability, curve - probability, color=colour, ls=style, lw=1.1, label=name)
-    if panel.declared:
-        reach = max(DEPARTURE, 1.6 * float(high.max()))
-        axes.set_ylim(-reach, reach)
-    axes.set_xlim(0, 1)
-    axes.tick_params(labelsize=7)
-    axes.set_title(panel.title, fontsize=8, color=INK if panel.declared else MISFIT)
+    ends = [edge - probability for edge in panel.band]
+    curves = {name: curve - probability for name, curve in panel.curves.items()}
+    reach = max(DEPARTURE, 1.6 * float(ends[1].max()))
+    if not panel.declared:
+        reach = max([reach, *(1.05 * float(np.abs(curve).max()) for curve in curves.values())])
+    upward = Scale(-reach, reach, top + PANEL_HEIGHT, top)
+    for tick in upward.ticks(4):
+        y, said = float(upward(tick)), f"{tick:.2g}".replace("-", "\N{MINUS SIGN}")
+        yield line(across.start, y, across.end, y, class_="gridline")
+        yield words(said, across.start - 5, y + 4, class_="tick", text_anchor="end")
+    if is_last:
+        for tick in (0.0, 0.5, 1.0):
+            yield words(f"{tick:g}", float(across(tick)), upward.start + 16, class_="tick", text_anchor="middle")
+    places = [np.column_stack([across(probability), upward(end)]) for end in ends]
+    yield path(np.vstack([places[0], places[1][::-1]]), closed=True, class_="pp-band")
+    for name, curve in curves.items():
+        yield path(np.column_stack([across(probability), upward(curve)]), class_=f"pp {name}")
+    kind = "panel-name" if panel.declared else "panel-name misfit"
+    yield words(panel.title, across.start, top - 6, class_=kind)

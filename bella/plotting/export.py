@@ -15,7 +15,7 @@ from pathlib import Path
 from textwrap import wrap
 from typing import Any, Literal, get_args
 
-from bella.exceptions import require_extra
+from bella.exceptions import InputError, require_extra
 from bella.plotting.svg import NAMESPACE, element, figure_style, number, words
 from bella.records import REAL_ORIGINS, Origin
 
@@ -111,16 +111,38 @@ def origin_warning(origin: Origin) -> str:
 
 
 def write_figure(path: Path, drawn: str, caption: Caption) -> None:
-    """Write a figure as SVG with its caption, whole or not at all.
+    """Write a figure with its caption, whole or not at all.
 
     Parameters
     ----------
     path : Path
-        Its folder is made when it does not exist.
+        SVG, PNG or PDF by the end of its name. Its folder is made when it does not exist.
     drawn : str
     caption : Caption
+
+    Raises
+    ------
+    InputError
+        If its name ends otherwise.
     """
-    write_whole(path, exported(drawn, caption).decode())
+    kind = kind_of(path)
+    made = exported(drawn, caption, kind)
+    with whole_file(path) as staged:
+        staged.write_bytes(made)
+
+
+def kind_of(path: Path) -> Kind:
+    """Kind of a figure by the end of its name.
+
+    Raises
+    ------
+    InputError
+        If it is none.
+    """
+    found = next((kind for kind in KINDS if path.suffix.lower() == f".{kind}"), None)
+    if found is None:
+        raise InputError(f"{path.name} ends with none of .svg, .png and .pdf: name the figure after its kind")
+    return found
 
 
 def write_whole(path: Path, text: str) -> None:

@@ -1,14 +1,16 @@
-"""What the figures of a track are drawn from: polar numbers, region outlines, spiral and its bands, receivers."""
+"""What figures are drawn from: polar numbers, region outlines, spiral and its bands, receivers, columns of tables."""
 
 import math
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
+import pandas as pd
 import xarray as xr
 
+from bella.exceptions import InputError
 from bella.flags import NOT_CONSTRAINED
 from bella.heliosphere import spiral_longitude_deg
 from bella.units import FloatArray
@@ -308,3 +310,29 @@ def _without_nan(values: list[Any]) -> list[Any]:
     if values and isinstance(values[0], list):
         return [_without_nan(row) for row in values]
     return [value if math.isfinite(value) else None for value in values]
+
+
+def require_columns(table: pd.DataFrame, columns: Iterable[str], name: str) -> pd.DataFrame:
+    """Refuse a table that lacks a column.
+
+    Parameters
+    ----------
+    table : pandas.DataFrame
+    columns : iterable of str
+    name : str
+        What the table is called in the error.
+
+    Returns
+    -------
+    pandas.DataFrame
+        The same table.
+
+    Raises
+    ------
+    InputError
+        If a column is missing.
+    """
+    missing = [column for column in columns if column not in table.columns]
+    if missing:
+        raise InputError(f"the {name} has no column {missing[0]!r}: add it, or make the table with bella anew")
+    return table

@@ -4,7 +4,7 @@ A few hundred bursts are links to their pages; of more, each kind is one path, s
 """
 
 from collections import Counter
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from datetime import UTC, date, datetime, timedelta
 
@@ -13,7 +13,8 @@ import numpy as np
 from bella.plotting.svg import Scale, element, figure, line, number, path, words
 from bella.units import DAY_S, within_half_turn_deg
 
-LONGITUDE_SIZE, WIND_SIZE, DISC_SIZE = (1240.0, 230.0), (720.0, 340.0), 360.0
+CHART_SIZE, DISC_SIZE = (540.0, 280.0), 360.0
+MOST_TIMES = 5
 LEFT, RIGHT, TOP, BOTTOM = 48.0, 22.0, 12.0, 40.0
 LONGITUDE_TICKS_DEG = (-180, -90, 0, 90, 180)
 LEAST_WIND_KM_S, MOST_WIND_KM_S = 200.0, 900.0
@@ -25,7 +26,7 @@ MOST_LINKED = 300
 
 GRADES = "ABCD"
 SECTOR_DEG = 10
-SUN_RADIUS, LONGEST_BAR, LABEL_ROOM = 44.0, 104.0, 19.0
+SUN_RADIUS, LONGEST_BAR, LABEL_ROOM = 44.0, 98.0, 22.0
 
 
 @dataclass(frozen=True)
@@ -61,9 +62,11 @@ def longitude_figure(bursts: Sequence[Marked]) -> str:
     -------
     str
     """
-    chart = _chart(bursts, LONGITUDE_SIZE, -180.0, 180.0)
-    parts = [*_longitude_axis(chart), *_marks(chart, [(one, _turned(one.longitude_deg)) for one in bursts])]
-    return figure("selection", LONGITUDE_SIZE, "Longitude of each burst at the Sun against time.", *parts)
+    found = [_turned(one.longitude_deg) for one in bursts]
+    sides = {tick: "" if tick in {0, 180, -180} else " W" if tick > 0 else " E" for tick in LONGITUDE_TICKS_DEG}
+    ticks = {float(tick): f"{abs(tick)}°{side}" for tick, side in sides.items()}
+    drawn = _against_time(bursts, found, (-180.0, 180.0), ticks)
+    return figure("selection", CHART_SIZE, "Longitude of each burst at the Sun against time.", *drawn)
 
 
 def wind_figure(bursts: Sequence[Marked]) -> str:
@@ -78,10 +81,10 @@ def wind_figure(bursts: Sequence[Marked]) -> str:
     -------
     str
     """
-    chart = _chart(bursts, WIND_SIZE, LEAST_WIND_KM_S, MOST_WIND_KM_S)
-    marks = [(one, [one.wind_km_s] if one.wind_km_s else []) for one in bursts]
-    parts = [*_wind_axis(chart), *_marks(chart, marks)]
-    return figure("selection wind", WIND_SIZE, "Solar wind of each burst against time, km/s.", *parts)
+    found = [[one.wind_km_s] if one.wind_km_s else [] for one in bursts]
+    ticks = {float(tick): str(tick) for tick in WIND_TICKS_KM_S}
+    drawn = _against_time(bursts, found, (LEAST_WIND_KM_S, MOST_WIND_KM_S), ticks)
+    return figure("selection wind", CHART_SIZE, "Solar wind of each burst against time, km/s.", *drawn)
 
 
 def footpoint_figure(bursts: Sequence[Marked], address: str = "") -> str:
@@ -155,12 +158,26 @@ class _Chart:
         return self.foot - 5
 
 
-def _chart(bursts: Sequence[Marked], size: tuple[float, float], low: float, high: float) -> _Chart:
+def _against_time(
+    bursts: Sequence[Marked], found: Sequence[list[Estimate]], ends: tuple[float, float], ticks: Mapping[float, str]
+) -> Iterator[str]:
+    """Values of bursts between two ends of an upward axis."""
     seconds = [one.start.timestamp() for one in bursts]
     room = max(MARGIN_SHARE * (max(seconds) - min(seconds)), LEAST_SPAN_S)
-    across = Scale(min(seconds) - room, max(seconds) + room, LEFT, size[0] - RIGHT)
-    foot = size[1] - BOTTOM
-    return _Chart(across, Scale(low, high, foot - 16, TOP), foot)
+    across = Scale(min(seconds) - room, max(seconds) + room, LEFT, CHART_SIZE[0] - RIGHT)
+    foot = CHART_SIZE[1] - BOTTOM
+    chart = _Chart(across, Scale(*ends, foot - 16, TOP), foot)
+    for tick, said in ticks.items():
+        y = float(chart.upward(tick))
+        yield line(across.start, y, across.end, y, class_="gridline")
+        yield words(said, across.start - 6, y + 4, class_="tick", text_anchor="end")
+    for moment, said in time_labels(across, MOST_TIMES):
+        x = float(across(moment))
+        yield line(x, TOP, x, foot, class_="gridline")
+        yield words(said, x, foot + 17, class_="tick", text_anchor="middle")
+    middle = (across.start + across.end) / 2
+    yield words("UTC", middle, foot + 34, class_="axis-name", text_anchor="middle")
+    yield from _marks(chart, list(zip(bursts, found, strict=True)))
 
 
 def _turned(estimate: Estimate | None) -> list[Estimate]:
@@ -212,34 +229,6 @@ def _height(chart: _Chart, found: list[Estimate]) -> float:
     return float(scale(np.clip(found[0].value, scale.low, scale.high))) if found else chart.below
 
 
-def _longitude_axis(chart: _Chart) -> Iterator[str]:
-    for tick in LONGITUDE_TICKS_DEG:
-        side = "" if tick in {0, 180, -180} else " W" if tick > 0 else " E"
-        yield from _tick(chart, tick, f"{abs(tick)}°{side}")
-    yield from _time_axis(chart, 9)
-
-
-def _wind_axis(chart: _Chart) -> Iterator[str]:
-    for tick in WIND_TICKS_KM_S:
-        yield from _tick(chart, tick, str(tick))
-    yield from _time_axis(chart, 5)
-
-
-def _tick(chart: _Chart, tick: float, said: str) -> Iterator[str]:
-    y = float(chart.upward(tick))
-    yield line(chart.across.start, y, chart.across.end, y, class_="gridline")
-    yield words(said, chart.across.start - 6, y + 4, class_="tick", text_anchor="end")
-
-
-def _time_axis(chart: _Chart, most: int) -> Iterator[str]:
-    for moment, said in time_labels(chart.across, most):
-        x = float(chart.across(moment))
-        yield line(x, TOP, x, chart.foot, class_="gridline")
-        yield words(said, x, chart.foot + 17, class_="tick", text_anchor="middle")
-    middle = (chart.across.start + chart.across.end) / 2
-    yield words("UTC", middle, chart.foot + 34, class_="axis-name", text_anchor="middle")
-
-
 def time_labels(across: Scale, most: int = 9) -> list[tuple[float, str]]:
     """Seconds since 1970 at which a calendar or a clock shows something round, with what it shows."""
     length_d = (across.high - across.low) / DAY_S
@@ -279,7 +268,7 @@ def _disc_grid(centre: float, most: int) -> Iterator[str]:
             place = centre + (outer + LABEL_ROOM) * x, centre + (outer + LABEL_ROOM) * y + 4
             yield words(f"{abs(longitude)}°{side}", *place, class_="spoke-label", text_anchor="middle")
     yield element("circle", cx=centre, cy=centre, r=outer, class_="ring")
-    yield words(f"ring: {most}", 4, 16, class_="tick")
+    yield words(f"ring: {most} burst{'' if most == 1 else 's'}", 4, 16, class_="tick")
 
 
 def _bar(centre: float, start: int, counts: dict[str, int], most: int, address: str) -> str:

@@ -9,8 +9,22 @@ import numpy.typing as npt
 import pandas as pd
 import xarray as xr
 
-from bella.plotting.palette import FREQUENCY_TICKS_MHZ, INTENSITY_SCALE, edge_name, track_style
-from bella.plotting.svg import Scale, element, figure, line, path, picture, time_of_day, unix_s, words
+from bella.plotting.svg import (
+    FREQUENCY_TICKS_MHZ,
+    INTENSITY,
+    WEAK_STRETCH,
+    Scale,
+    edge_class,
+    edge_name,
+    element,
+    figure,
+    line,
+    path,
+    picture,
+    time_of_day,
+    unix_s,
+    words,
+)
 from bella.spacecraft import OBSERVATORIES
 from bella.units import DAY_S, FloatArray
 
@@ -295,7 +309,7 @@ def _panel_parts(
     top, bottom, width = frequency.end, frequency.start, time.end - time.start
     box = {"x": time.start, "y": top, "width": width, "height": bottom - top}
     yield element("rect", **box, class_="no-data")
-    yield picture(sampled(panel, time, frequency), [colour for _, colour in INTENSITY_SCALE], **box)
+    yield picture(sampled(panel, time, frequency), INTENSITY, WEAK_STRETCH, **box)
     for tick in frequency.among(FREQUENCY_TICKS_MHZ):
         y = float(frequency(tick))
         yield line(time.start - 4, y, time.start, y, class_="axis")
@@ -319,11 +333,10 @@ def _edge_parts(edge: str, points: TimedEdge, time: Scale, frequency: Scale) -> 
     shown &= (points.frequency_mhz >= frequency.low) & (points.frequency_mhz <= frequency.high)
     if not shown.any():
         return
-    style = track_style(edge, 0)
     places = np.column_stack([time(seconds), frequency(points.frequency_mhz)])
     places[~shown] = np.nan
     said = element("title", f"{edge_name(edge)}: the times that were used")
-    yield element("g", said, path(places, class_="edge-under"), path(places, class_=f"edge-line edge-{style.name}"))
+    yield element("g", said, path(places, class_="edge-under"), path(places, class_=f"edge-line {edge_class(edge)}"))
 
 
 def _time_axis(time: Scale, top: float, name: str) -> Iterator[str]:

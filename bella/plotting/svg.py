@@ -1,13 +1,13 @@
-"""The pen of the screen figures: elements of SVG, scales with their ticks, and spectra as small pictures.
+"""The pen of all figures: elements of SVG, scales with their ticks, pictures of spectra, colours and names of edges.
 
-Figures are drawn on the server, so that they need no script, and take their colours from `figure.css`: light and dark
-on a page, and the same in a file that is kept.
+Figures need no script, and take their colours from `figure.css`: light and dark on a page, and the same in a file that
+is kept. An edge has a colour that stays apart from the others under the common forms of colour blindness.
 """
 
 import base64
 import io
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import cache
 from html import escape
@@ -19,16 +19,40 @@ import numpy.typing as npt
 from bella.units import DAY_S, FloatArray
 
 VIRIDIS = ("#440154", "#482878", "#3e4989", "#31688e", "#26828e", "#1f9e89", "#35b779", "#6ece58", "#b5de2b", "#fde725")
+INTENSITY = ("#12161d", "#3d454f", "#9a9a94", "#fbf5e4")
+"""Dark to ivory without a hue of its own, so that the coloured edges stand out on it."""
+
+BRIGHTNESS = ("#10131c", "#3b2f6b", "#a8446a", "#f0964a", "#fdf4c9")
+"""Dark to ivory through violet and orange, lightness rising evenly: for spectra on which nothing else is drawn."""
+
+FREQUENCY_TICKS_MHZ = (0.02, 0.05, 0.1, 0.2, 0.5, 1.0, 2.0, 5.0, 10.0, 20.0)
+EDGE_NAMES = {
+    "gauss_hermite": "Gauss-Hermite edge",
+    "half_maximum": "Half-maximum edge",
+    "half_rise": "Half-rise edge",
+    "shared_profile": "Shared-profile edge",
+}
 NAMESPACE = "http://www.w3.org/2000/svg"
 TIME_STEPS_S = (1, 2, 5, 10, 15, 30, 60, 120, 300, 600, 900, 1800, 3600, 7200, 10800, 21600, 43200, 86400)
 WEAK_STRETCH = 0.75
-"""Exponent of the colour scale: below one, weak bursts stand out from the quiet sky."""
+"""Of pictures of spectra: weak bursts stand out from the quiet sky."""
 
 
 @cache
 def figure_style() -> str:
     """Style sheet of the figures, for pages and for files that are kept."""
     return (resources.files("bella.plotting") / "figure.css").read_text(encoding="utf-8")
+
+
+def edge_name(edge: str) -> str:
+    """Name of an edge definition as a reader sees it."""
+    return EDGE_NAMES.get(edge, edge.replace("_", " "))
+
+
+def edge_class(edge: str) -> str:
+    """Class of an edge definition, or of its name, in `figure.css`."""
+    known = {name: name for name in EDGE_NAMES} | {said: name for name, said in EDGE_NAMES.items()}
+    return f"edge-{known.get(edge, 'another')}"
 
 
 def number(value: float) -> str:
@@ -74,6 +98,17 @@ def path_data(points: FloatArray, *, closed: bool = False) -> str:
         parts.append(f"{'M' if lifted else 'L'}{number(x)} {number(y)}")
         lifted = False
     return "".join(parts) + ("Z" if closed and parts else "")
+
+
+def marks(places: FloatArray, index: int) -> Iterator[str]:
+    """Markers at places of shape (N, 2), another one for each index, so that colour is never the only difference."""
+    sides, turn = ((0, 0.0), (4, np.pi / 4), (3, np.pi / 2), (4, 0.0), (3, -np.pi / 2))[index % 5]
+    angle = turn + 2 * np.pi * np.arange(sides) / max(sides, 1)
+    for x, y in places[np.isfinite(places).all(axis=1)]:
+        if sides:
+            yield path(np.column_stack([x + 4 * np.cos(angle), y - 4 * np.sin(angle)]), closed=True)
+        else:
+            yield element("circle", cx=x, cy=y, r=3)
 
 
 def figure(name: str, size: tuple[float, float], title: str, *content: str, **attributes: float | str | None) -> str:
@@ -162,19 +197,22 @@ def unix_s(time: npt.ArrayLike) -> FloatArray:
     return np.asarray(time, dtype="datetime64[ns]").astype(np.int64) / 1e9
 
 
-def colour_at(share: float, colours: Sequence[str] = VIRIDIS) -> str:
-    """Colour of a scale at a share from 0 to 1."""
-    red, green, blue = _colours(np.array([min(max(share, 0.0), 1.0)]), colours)[0]
+def colour_at(share: float, colours: Sequence[str] = VIRIDIS, stretch: float = 1.0) -> str:
+    """Colour of a scale at a share from 0 to 1; `stretch` as that of a picture."""
+    red, green, blue = _colours(np.array([min(max(share, 0.0), 1.0) ** stretch]), colours)[0]
     return f"#{red:02x}{green:02x}{blue:02x}"
 
 
-def picture(share: FloatArray, colours: Sequence[str], **attributes: float | str | None) -> str:
-    """Picture of values from 0 to 1, shape (rows, columns), the first row on top; what is not finite is clear."""
+def picture(share: FloatArray, colours: Sequence[str], stretch: float = 1.0, **attributes: float | str | None) -> str:
+    """Picture of values from 0 to 1, shape (rows, columns), the first row on top; what is not finite is clear.
+
+    With an exponent `stretch` below one, small values stand out.
+    """
     from PIL import Image  # noqa: PLC0415 - only figures with spectra need it
 
     levels = 63
     known = np.isfinite(share)
-    index = np.where(known, np.round(np.clip(np.nan_to_num(share), 0.0, 1.0) ** WEAK_STRETCH * (levels - 1)), levels)
+    index = np.where(known, np.round(np.clip(np.nan_to_num(share), 0.0, 1.0) ** stretch * (levels - 1)), levels)
     image = Image.fromarray(index.astype(np.uint8), mode="P")
     image.putpalette([*_colours(np.linspace(0.0, 1.0, levels), colours).ravel().tolist(), 0, 0, 0])
     kept = io.BytesIO()

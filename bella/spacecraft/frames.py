@@ -45,12 +45,12 @@ def ecliptic_pole(utc: np.datetime64) -> FloatArray:
 
     Notes
     -----
-    Inclination and node of the moving ecliptic, linear and quadratic terms: Capitaine, Wallace & Chapront 2003,
-    A&A 412, 567, doi:10.1051/0004-6361:20031539.
+    Inclination and node of the moving ecliptic: Capitaine, Wallace & Chapront 2003, A&A 412, 567,
+    doi:10.1051/0004-6361:20031539. The quadratic term of the node moves the pole by less than 1e-4 arcsec in a century.
     """
     centuries = (utc - J2000) / np.timedelta64(1, "s") / JULIAN_CENTURY_S
     inclination = (46.998973 * centuries - 0.0334926 * centuries**2) * ARCSEC
-    node = (629_546.7936 - 867.95758 * centuries + 0.157992 * centuries**2) * ARCSEC
+    node = (629_546.7936 - 867.95758 * centuries) * ARCSEC
     return _pole(inclination, node)
 
 

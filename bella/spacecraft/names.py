@@ -53,7 +53,8 @@ def observatory_name(name: str) -> str:
         raise InputError(f"{name!r} is no name of a spacecraft: give one such as {', '.join(ALIASES)}")
     if plain in _BY_ALIAS:
         return _BY_ALIAS[plain]
-    near = difflib.get_close_matches(plain, _BY_ALIAS, 1, CLOSE) if len(plain) >= SHORTEST else []
+    near = difflib.get_close_matches(plain, _BY_ALIAS, 2, CLOSE) if len(plain) >= SHORTEST else []
     if near:
-        raise InputError(f"no spacecraft is named {name!r}: did you mean {_BY_ALIAS[near[0]]}?")
+        meant = " or ".join(sorted({_BY_ALIAS[one] for one in near}))
+        raise InputError(f"no spacecraft is named {name!r}: did you mean {meant}?")
     return name.strip()

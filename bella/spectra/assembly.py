@@ -16,13 +16,17 @@ import numpy.typing as npt
 import xarray as xr
 
 from bella.exceptions import InputError
-from bella.spectra.dynamic_spectrum import label, validate_spectrum
+from bella.spectra.dynamic_spectrum import label, validate_spectrum, without_fill
 
 SAME_CHANNEL = 0.1
 """Frequencies of two records within this share of the step between channels are one channel."""
 
-STRAY_STEPS = 10.0
-"""A record so many steps outside its two neighbours in the file, which follow one another, has a wrong time."""
+STRAY_STEPS, MOST_STRAY = 10.0, 10
+"""Records, as many at most, so many steps outside their neighbours in the file, which follow one another, have a wrong
+time."""
+
+STANDING_SHARE = 0.05
+"""Share of records above which a clock that repeats its times stood still."""
 
 SAME_FREQUENCY = 3e-4
 """Samples whose frequencies differ by less, in ln f, are of one channel: a tenth of the narrowest step of any receiver,
@@ -89,6 +93,9 @@ def assemble(
     InputError
         If the shapes do not fit or less than two records remain.
     """
+    intensity = without_fill(intensity, origin.quantity)
+    check_clock(time, origin.source)
+    frequency_mhz = np.where(frequency_mhz > 0.0, frequency_mhz, np.nan)
     variables = {"intensity": intensity, **(extra or {})}
     for name, values in variables.items():
         if values.shape not in {(time.size, frequency_mhz.size), (frequency_mhz.size,)}:
@@ -108,6 +115,30 @@ def assemble(
     spectrum = xr.Dataset(ordered, coords=coords, attrs=_attributes(origin, coords["time"]))
     spectrum["intensity"] = spectrum["intensity"].astype(np.float32, copy=False)
     return label(validate_spectrum(spectrum, origin.source))
+
+
+def check_clock(time: npt.NDArray[np.datetime64], source: str) -> None:
+    """Refuse records of a clock that stood still, which would pass for repeated ones.
+
+    Parameters
+    ----------
+    time : numpy.ndarray
+        datetime64[ns], in the order of the file.
+    source : str
+        File, named in the error.
+
+    Raises
+    ------
+    InputError
+        If too many records have the time of the two before.
+    """
+    same = np.diff(time) == np.timedelta64(0, "ns")
+    still = np.flatnonzero(same[1:] & same[:-1])
+    if still.size > STANDING_SHARE * time.size:
+        raise InputError(
+            f"{source}: {still.size} of {time.size} records have the time of the two before, such as "
+            f"{np.datetime_as_string(time[still[0]], 's')}: its clock stood still; take another version of the file"
+        )
 
 
 def dates_in(name: str) -> list[np.datetime64]:
@@ -201,7 +232,8 @@ def shared_channels(
     channels, column = merged_channels(frequency_mhz[known], SAME_CHANNEL * step)
     if channels.size > 16 * values.shape[1]:
         raise InputError(f"{source}: {channels.size} frequencies in records of {values.shape[1]} channels")
-    spread = np.full((values.shape[0], channels.size), np.nan, dtype=values.dtype)
+    no_data = "NaT" if values.dtype.kind == "M" else np.nan
+    spread = np.full((values.shape[0], channels.size), no_data, dtype=values.dtype)
     row = np.broadcast_to(np.arange(values.shape[0])[:, None], values.shape)[known]
     has_value = np.isfinite(values[known])
     spread[row[has_value], column[has_value]] = values[known][has_value]
@@ -285,7 +317,7 @@ def nearest_records(
 
 
 def without_strays(time: npt.NDArray[np.datetime64]) -> npt.NDArray[np.datetime64]:
-    """Times of records, NaT for one that lies far outside its neighbours in the file, which follow one another.
+    """Times of records, NaT for few that lie far outside their neighbours in the file, which follow one another.
 
     Parameters
     ----------
@@ -301,16 +333,23 @@ def without_strays(time: npt.NDArray[np.datetime64]) -> npt.NDArray[np.datetime6
     if known.size < 5:
         return time
     second = (time[known] - time[known[0]]) / np.timedelta64(1, "s")
-    step = np.median(np.abs(np.diff(second)))
-    across = second[2:] - second[:-2]
-    outside = np.maximum(
-        np.minimum(second[2:], second[:-2]) - second[1:-1], second[1:-1] - np.maximum(second[2:], second[:-2])
-    )
-    is_stray = (np.abs(across) <= 4.0 * step) & (outside > STRAY_STEPS * step)
+    steps = np.diff(second)
+    step = np.median(np.abs(steps))
+    first = np.concatenate([[0], np.flatnonzero(np.abs(steps) > STRAY_STEPS * step) + 1])  # of what has no jump in it
+    if first.size < 3:
+        return time
+    begin, end = first[1:-1], first[2:]
+    count = end - begin
+    before, after = second[begin - 1], second[end]
+    lowest, highest = (reduced.reduceat(second, first)[1:-1] for reduced in (np.minimum, np.maximum))
+    outside = np.maximum(np.minimum(before, after) - highest, lowest - np.maximum(before, after))
+    follow = np.abs(after - before) <= (2.0 * count + 2.0) * step
+    is_stray = follow & (outside > STRAY_STEPS * step) & (count <= min(MOST_STRAY, known.size // 4))
     if not is_stray.any():
         return time
     kept = time.copy()
-    kept[known[1:-1][is_stray]] = np.datetime64("NaT")
+    for one, beyond in zip(begin[is_stray], end[is_stray], strict=True):
+        kept[known[one:beyond]] = np.datetime64("NaT")
     return kept
 
 

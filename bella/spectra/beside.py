@@ -17,6 +17,7 @@ import xarray as xr
 from bella.containers import CdfFile, TimeArray
 from bella.exceptions import InputError
 from bella.spectra.assembly import Origin, assemble, cadence_s, dwell_s, shared_channels
+from bella.spectra.dynamic_spectrum import SMALLEST, unit_factor
 
 TIMES = re.compile(r"TIMING|ELAPSED|SAMPLE_?TIME|TIME_?(OFFSET|SHIFT|DELAY|SINCE)|OFFSET_?(TIME|S$|SEC|EPOCH)")
 TIMES_DESCRIBED = re.compile(
@@ -49,7 +50,9 @@ SECONDS = {
     **dict.fromkeys(("s", "sec", "secs", "second", "seconds"), 1.0),
     **dict.fromkeys(("min", "mins", "minute", "minutes"), 60.0),
 }
-LONGEST_SWEEP_S = 3600.0
+LONGEST_SWEEP_S = 900.0
+"""No receiver takes longer for a sweep; what is farther from the time of a record, such as -999, is no offset."""
+
 SFU = {"sfu": 1.0, "solar flux unit": 1.0, "solar flux units": 1.0, "": 1.0, "w/m^2/hz": 1e22, "w m-2 hz-1": 1e22}
 
 
@@ -109,6 +112,7 @@ def read_records(  # noqa: PLR0913, PLR0917 - one argument per variable of the f
     InputError
         If intensity, times and frequencies do not fit together.
     """
+    in_unit(cdf, variable, values, origin.quantity)
     beside = Beside(cdf, values.shape, variable)
     channels = frequency_mhz.shape[-1]
     if values.shape != (time.size, channels):
@@ -138,6 +142,13 @@ def read_records(  # noqa: PLR0913, PLR0917 - one argument per variable of the f
         spectrum["flux_sfu_1au"] = spectrum["flux_sfu_1au"].where(np.isfinite(spectrum["intensity"]))
         spectrum["flux_sfu_1au"].attrs = {"long_name": "flux density at 1 au", "units": "sfu"}
     return beside.noted(spectrum)
+
+
+def in_unit(cdf: CdfFile, variable: str, values: npt.NDArray[Any], quantity: str) -> None:
+    """Convert values, in place, from the unit that their variable states to that of a quantity."""
+    factor = unit_factor(cdf.attribute("UNITS", variable), quantity)
+    if factor != 1.0 and np.nanmax(values, initial=0.0) * factor > SMALLEST[quantity]:
+        values *= values.dtype.type(factor)
 
 
 class Beside:
@@ -348,7 +359,7 @@ def timed(start: TimeArray, offset_s: npt.NDArray[Any]) -> tuple[TimeArray, Time
     tuple of numpy.ndarray
         datetime64[ns], of shapes (records,) and (records, channels).
     """
-    middle_s = 0.5 * (np.nanmin(offset_s) + np.nanmax(offset_s))
+    middle_s = float(np.nanmedian(0.5 * (np.fmin.reduce(offset_s, axis=1) + np.fmax.reduce(offset_s, axis=1))))
     offset_ns = np.where(np.isfinite(offset_s), offset_s, middle_s)
     offset_ns *= 1e9
     offset = np.rint(offset_ns, out=offset_ns).astype("timedelta64[ns]")

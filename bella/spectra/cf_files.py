@@ -20,9 +20,16 @@ from bella.containers import INFLATED_BYTES, LARGEST_NUMBER, LEAST_CPU_S, MHZ, R
 from bella.exceptions import InputError, require_extra
 from bella.records import Origin
 from bella.spacecraft import observatory_name
-from bella.spectra.assembly import ascending, cadence_s, dates_in
+from bella.spectra.assembly import ascending, cadence_s, dates_in, shared_channels
 from bella.spectra.beside import FLAGS, LONGEST_SWEEP_S
-from bella.spectra.dynamic_spectrum import ATTRIBUTES, OPTIONAL_DIMENSIONS, POSITION, validate_spectrum
+from bella.spectra.dynamic_spectrum import (
+    ATTRIBUTES,
+    LOWEST_VALUE,
+    OPTIONAL_DIMENSIONS,
+    POSITION,
+    validate_spectrum,
+    without_intensity,
+)
 from bella.spectra.positions import KILOMETRES
 
 ZARR_MARKS = ("zarr.json", ".zgroup", ".zmetadata")
@@ -36,13 +43,10 @@ OTHER_NAMES = {
     **dict.fromkeys(("frequencies", "freq", "freqs", "frequency_mhz", "frequency_(mhz)", "channel"), "frequency"),
 }
 HIGHEST_MHZ = 1000.0
-"""Frequencies above are in another unit, where they state none."""
+"""Frequencies above are in another unit, where they state none or kHz: a reader of Mars Express calls its hertz so."""
 
 LOWEST_MHZ, IMPOSSIBLE_MHZ = 1e-3, 1e6
 """The highest channel of no receiver is below the one or above the other."""
-
-LOWEST_VALUE = -999.0
-"""Nothing that is measured, in any quantity, is as low: fill values are, such as -9999."""
 
 FIRST, LAST = np.datetime64("1950-01-01", "ns"), np.datetime64("2060-01-01", "ns")
 DAY = np.timedelta64(1, "D")
@@ -81,7 +85,7 @@ def open_cf(path: Path, engine: str) -> tuple[xr.Dataset, ...]:
                 name: group for name, group in groups.items() if "intensity" in {_plain(one) for one in group.variables}
             }
             if not chosen:
-                raise InputError(f"{path} is not a dynamic spectrum: add the variable 'intensity'")
+                raise InputError(f"{path} is not a dynamic spectrum: {without_intensity(next(iter(groups.values())))}")
             if _claimed_bytes(list(chosen.values())) > INFLATED_BYTES:
                 raise InputError(f"{path} holds more than {INFLATED_BYTES >> 20} MiB: divide it into days")
             return tuple(as_spectrum(group, f"{path}{name}", path.name) for name, group in chosen.items())
@@ -162,16 +166,17 @@ def _chunk_bytes(variable: xr.Variable) -> int:
     return int(variable.dtype.itemsize) * max(math.prod(int(size) for size in sizes or ()) for sizes in stored)
 
 
-def as_spectrum(stored: xr.Dataset, source: str, file_name: str = "") -> xr.Dataset:
+def as_spectrum(stored: xr.Dataset | xr.DataArray, source: str, file_name: str = "") -> xr.Dataset:
     """A dynamic spectrum from a dataset that means one: ordered, in our names and units, with what can be filled in.
 
     Names of variables may differ in case and blanks; axes may be transposed, descending, repeated or of other names;
-    times may be text, with an offset from UTC; frequencies may be in any unit that they state.
+    times may be text, with an offset from UTC; frequencies may be in any unit that they
+    state, and others in every record.
 
     Parameters
     ----------
-    stored : xarray.Dataset
-        In memory or not.
+    stored : xarray.Dataset or xarray.DataArray
+        In memory or not; an array is the intensity.
     source : str
         Where it comes from, named in errors.
     file_name : str
@@ -186,7 +191,9 @@ def as_spectrum(stored: xr.Dataset, source: str, file_name: str = "") -> xr.Data
     InputError
         If it is no dynamic spectrum; the message says what to change.
     """
-    spectrum = _with_axes(_in_our_names(stored.load()))
+    if isinstance(stored, xr.DataArray):
+        stored = stored.to_dataset(name="intensity").assign_attrs(stored.attrs)
+    spectrum = _with_axes(_on_one_list(_in_our_names(stored.load()), source))
     given = spectrum.attrs
     if str(given.get("observatory", "")).strip():
         try:
@@ -239,6 +246,22 @@ def _single(value: Any) -> Any:
     return _single(value.item()) if isinstance(value, np.ndarray | np.generic) and np.size(value) == 1 else value
 
 
+def _on_one_list(spectrum: xr.Dataset, source: str) -> xr.Dataset:
+    """With one list of frequencies, where every record has its own."""
+    stated = spectrum.variables.get("frequency")
+    if stated is None or stated.ndim != 2 or "time" not in stated.dims:
+        return spectrum
+    stated = stated.transpose("time", ...)
+    on_list: dict[Any, Any] = {}
+    for name, variable in spectrum.data_vars.items():
+        if set(variable.dims) == set(stated.dims):
+            values = variable.transpose(*stated.dims).to_numpy()
+            values = values if values.dtype.kind in "fM" else values.astype(np.float32)
+            frequency, values = shared_channels(stated.to_numpy(), values, source)
+            on_list |= {name: (FORM, values, variable.attrs), "frequency": ("frequency", frequency, stated.attrs)}
+    return spectrum.drop_dims([stated.dims[1]]).assign(on_list).set_coords("frequency") if on_list else spectrum
+
+
 def _with_axes(spectrum: xr.Dataset) -> xr.Dataset:
     """With time and frequency as axes, in that order, and none of length 1 beside them."""
     for axis in ("time", "frequency"):
@@ -273,7 +296,8 @@ def _in_our_units(spectrum: xr.Dataset, source: str) -> xr.Dataset:
         if unit not in MHZ and unit:
             raise InputError(f"{source}: coordinate 'frequency' is in {frequency.attrs['units']!r}: convert it to MHz")
         mhz = frequency.to_numpy().astype(np.float64) * MHZ.get(unit, 1.0)
-        if unit and not LOWEST_MHZ <= np.nanmax(mhz, initial=0.0) <= IMPOSSIBLE_MHZ:
+        highest = HIGHEST_MHZ if MHZ.get(unit) == MHZ["khz"] else IMPOSSIBLE_MHZ
+        if unit and not LOWEST_MHZ <= np.nanmax(mhz, initial=0.0) <= highest:
             raise InputError(
                 f"{source}: coordinate 'frequency' reaches {np.nanmax(mhz, initial=0.0):g} MHz by its unit "
                 f"{frequency.attrs['units']!r}: correct the unit"

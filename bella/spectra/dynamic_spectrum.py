@@ -23,6 +23,9 @@ A dynamic spectrum is an :class:`xarray.Dataset` with dimensions ``time`` and ``
 Whatever is written in this form to netCDF or Zarr can be fed in, whichever instrument it comes from.
 """
 
+import re
+from typing import Any
+
 import numpy as np
 import numpy.typing as npt
 import xarray as xr
@@ -59,6 +62,45 @@ LONG_NAMES = {
 }
 
 
+LOWEST_VALUE, HIGHEST_DB = -999.0, 9000.0
+"""Nothing that is measured, in any quantity, is as low or as high: fill values are, such as -9999."""
+
+SMALLEST = {"psd_v2_hz": 1e-22, "flux_w_m2_hz": 1e-26}
+"""What is below the noise of every receiver: a unit by which all values are is not theirs."""
+
+UNIT_FACTORS = {
+    "psd_v2_hz": {"mv2/hz": 1e-6, "uv2/hz": 1e-12, "nv2/hz": 1e-18},
+    "flux_w_m2_hz": {"sfu": 1e-22, "solarfluxunit": 1e-22, "solarfluxunits": 1e-22, "jy": 1e-26, "jansky": 1e-26},
+}
+"""From other units of a quantity to its own; as plain text without blanks and signs of powers."""
+
+
+def unit_factor(unit: str, quantity: str) -> float:
+    """Factor from a unit, as a file states it, to that of a quantity; 1 where it is that, or is not known."""
+    plain = re.sub(r"[\s^*{}()\[\]_.]", "", unit.lower().replace("µ", "u").replace("μ", "u"))
+    return UNIT_FACTORS.get(quantity, {}).get(plain.replace("hz-1", "/hz"), 1.0)
+
+
+def without_fill(intensity: npt.NDArray[Any], quantity: str) -> npt.NDArray[Any]:
+    """Intensity with NaN for what no receiver measures: fill values that no file states.
+
+    Parameters
+    ----------
+    intensity : numpy.ndarray
+        NaN where there are no data.
+    quantity : str
+        One of ``QUANTITIES``.
+
+    Returns
+    -------
+    numpy.ndarray
+        The same array where all can be, else a copy.
+    """
+    highest = HIGHEST_DB if quantity == "db_over_background" else np.inf
+    is_fill = (intensity <= LOWEST_VALUE) | (intensity > highest)
+    return np.where(is_fill, np.float32(np.nan), intensity) if is_fill.any() else intensity
+
+
 def validate_spectrum(spectrum: xr.Dataset, source: str) -> xr.Dataset:
     """Check that a dataset has the form of a dynamic spectrum.
 
@@ -79,10 +121,20 @@ def validate_spectrum(spectrum: xr.Dataset, source: str) -> xr.Dataset:
     InputError
         If it has not; the message names what is wrong.
     """
-    complaint = _wrong_attribute(spectrum) or _wrong_axis(spectrum) or _wrong_variable(spectrum)
+    complaint = (
+        _wrong_attribute(spectrum) or without_intensity(spectrum) or _wrong_axis(spectrum) or _wrong_variable(spectrum)
+    )
     if complaint:
         raise InputError(f"{source} is not a dynamic spectrum: {complaint}")
     return spectrum
+
+
+def without_intensity(stored: xr.Dataset) -> str:
+    """What to do about a dataset without ``intensity``, which may have it under another name; empty with it."""
+    if "intensity" in stored.variables:
+        return ""
+    others = [str(name) for name, one in stored.data_vars.items() if one.ndim > 1 and one.dtype.kind in "iuf"]
+    return f"name its values 'intensity' (one of {', '.join(others)})" if others else "add the variable 'intensity'"
 
 
 def _wrong_attribute(spectrum: xr.Dataset) -> str:
@@ -129,8 +181,6 @@ def _wrong_order(time: npt.NDArray[np.datetime64], frequency: FloatArray) -> str
 
 
 def _wrong_variable(spectrum: xr.Dataset) -> str:
-    if "intensity" not in spectrum:
-        return "add the variable 'intensity'"
     if not np.issubdtype(spectrum["intensity"].dtype, np.floating):
         return f"variable 'intensity' is {spectrum['intensity'].dtype}: use float32, NaN where there are no data"
     expected = {"intensity": ("time", "frequency"), **OPTIONAL_DIMENSIONS}

@@ -152,7 +152,7 @@ PRODUCTS = (
         "voltage_ratio",
         False,
         "idl",
-        r"(?:wind_waves_rad[12]_)?\d{8}\.(r[12])$",
+        r"(?:wind_waves_rad1_)?\d{8}\.(r1)$|(?:wind_waves_rad2_)?\d{8}\.(r2)$",
         (),
         wind.read_idl,
     ),
@@ -407,7 +407,9 @@ def _product_of(cdf: CdfFile) -> tuple[Product, str]:
     stated = [cdf.attribute(name) for name in ("Logical_file_id", "Logical_source")]
     holds = next((found for found in map(find_product, stated) if found), None)
     if named and holds and named != holds:
-        raise InputError(f"{cdf.name} is named after {named[0].name}, but holds {holds[0].name} {holds[1]}".rstrip())
+        called = f"{named[0].name} {named[1]}" if named[0] == holds[0] else named[0].name
+        held = f"{holds[0].name} {holds[1]}".rstrip()
+        raise InputError(f"{cdf.name} is named after {called}, but holds {held}: correct its name")
     found = holds or named
     if found is None or found[0].container != "cdf":
         raise InputError(

@@ -13,11 +13,12 @@ from bella.spectra.assembly import (
     ascending,
     assemble,
     cadence_s,
+    check_clock,
     nearest_records,
     shared_channels,
     without_strays,
 )
-from bella.spectra.beside import Beside, epoch_of, read_records, timed
+from bella.spectra.beside import Beside, epoch_of, in_unit, read_records, timed
 
 OBSERVATORY = "PSP"
 DIPOLES = ("ch0_V1V2", "ch1_V3V4")
@@ -116,6 +117,7 @@ def _sum_of_dipoles(cdf: CdfFile, receiver: str, prefix: str, ending: str, quant
     for dipole in with_data or held:
         names = (f"epoch_{suffixes[dipole]}", f"frequency_{suffixes[dipole]}", variables[dipole])
         read[dipole[4:]] = _part(cdf, *names, HIGHEST_MHZ[receiver])
+        in_unit(cdf, variables[dipole], read[dipole[4:]].power, quantity)
     if not read:
         raise InputError(f"{cdf.name}: neither dipole has auto_averages; the receiver was in another mode")
     parts = list(read.values())
@@ -141,6 +143,7 @@ def _part(cdf: CdfFile, epoch: str, frequency: str, variable: str, highest_mhz: 
         offset_s = shared_channels(stated_mhz, offset_s, cdf.name)[1]
     if power.shape != (time.size, frequency_mhz.size):
         raise InputError(f"{cdf.name}: {variable} has the shape {power.shape}, not {(time.size, frequency_mhz.size)}")
+    check_clock(time, cdf.name)
     time = without_strays(time)
     order = ascending(time, lambda: np.isfinite(power).sum(axis=1))
     return Part(time[order], frequency_mhz, power[order], None if offset_s is None else offset_s[order])

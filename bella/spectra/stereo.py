@@ -197,7 +197,7 @@ def read_text(path: Path, receiver: str) -> tuple[xr.Dataset, ...]:
     with reading(str(path), "a table of STEREO/WAVES averages"):
         if path.stat().st_size > LARGEST_TEXT:
             raise InputError(f"{path.name} is too large for one day of this product")
-        lines = path.read_text(encoding="utf-8-sig").splitlines()
+        lines = path.read_text(encoding="utf-8-sig", errors="replace").splitlines()
         first, second, *lines = [line for line in lines if line.strip() and line.lstrip()[0] not in REMARKS]
         stated_khz = np.array(first.split(), dtype=np.float64)
         frequency_mhz = in_mhz(stated_khz, "khz", HIGHEST_MHZ[band], f"{path.name}: its frequency")

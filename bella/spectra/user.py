@@ -259,7 +259,8 @@ def from_radiospectra(
     InputError
         If data, times and frequencies do not fit together.
     """
-    meta, values = spectrogram.meta, np.asarray(spectrogram.data, dtype=np.float32)
+    meta, data = spectrogram.meta, spectrogram.data
+    values = np.ma.filled(np.ma.asarray(getattr(data, "value", data)).astype(np.float32), np.nan)
     name = str(observatory or meta["observatory"])
     times = np.asarray(spectrogram.times.utc.to_value("datetime64")).astype("datetime64[ns]")
     frequency_mhz = np.asarray(spectrogram.frequencies.to_value("MHz"), dtype=np.float64)

@@ -16,7 +16,7 @@ from scipy.io import readsav
 from bella.containers import CdfFile, NumberArray, in_mhz, inflate, reading
 from bella.exceptions import InputError
 from bella.spectra.assembly import Origin, assemble, assemble_sweeps, cadence_s, date_of, shared_channels
-from bella.spectra.beside import Beside, epoch_of, read_records, timed
+from bella.spectra.beside import Beside, epoch_of, in_unit, read_records, timed
 from bella.spectra.dynamic_spectrum import GEOCENTRIC
 from bella.spectra.minutes import with_sweeps, with_visits
 from bella.spectra.positions import EARTH_RADIUS_KM, with_positions
@@ -230,6 +230,7 @@ def read_l3_directions(cdf: CdfFile, receiver: str) -> tuple[xr.Dataset, ...]:
         If the file is not of this product.
     """
     time, flux = cdf.utc(epoch_of(cdf, "STOKES_I")), cdf.numbers("STOKES_I", 1)
+    in_unit(cdf, "STOKES_I", flux, "flux_w_m2_hz")
     beside = Beside(cdf, flux.shape, "STOKES_I")
     beside.clear(flux)
     time = beside.shifted(time)
@@ -284,6 +285,12 @@ def read_60s(path: Path, receiver: str) -> tuple[xr.Dataset, ...]:
         frequency_khz, mean = _matrix([block[0] for _, block in records]), _matrix([block[1] for _, block in records])
         mean[~((mean > 0.0) & (mean < 1e30))] = np.nan
         stated_mhz = in_mhz(frequency_khz, "khz", HIGHEST_MHZ[receiver], f"{path.name}: its frequency")
+        lowest, highest = BANDS_MHZ.get(receiver, (0.0, np.inf))
+        if np.nanmin(stated_mhz) > highest or np.nanmax(stated_mhz) < lowest:
+            raise InputError(
+                f"{path.name} is named after {receiver.upper()}, but holds {np.nanmin(stated_mhz):.3g} to "
+                f"{np.nanmax(stated_mhz):.3g} MHz: correct its name"
+            )
         frequency_mhz, mean = shared_channels(stated_mhz, mean * factor, path.name)
         time = _header_times(headers, path.name)
         origin = Origin(OBSERVATORY, receiver.upper(), quantity, path.name)
@@ -390,12 +397,16 @@ def _records(content: bytes) -> list[tuple[tuple[int, ...], npt.NDArray[np.float
     """Header and the rows frequency, mean, minimum and maximum of every record."""
     records, position = [], 0
     while position < len(content):
+        if len(content) - position < LENGTH.size + HEADER.size:
+            raise ValueError("it ends within a record")
         length = LENGTH.unpack_from(content, position)[0]
         header = HEADER.unpack_from(content, position + LENGTH.size)
         channels = header[11]
         end = position + LENGTH.size + length
         if not 0 < channels <= MOST_CHANNELS or length != HEADER.size + 16 * channels:
             raise ValueError(f"the record at byte {position} has {length} bytes for {channels} channels")
+        if len(content) < end + LENGTH.size:
+            raise ValueError("it ends within a record")
         if LENGTH.unpack_from(content, end)[0] != length:
             raise ValueError(f"the record at byte {position} ends with another length than it begins with")
         begin = position + LENGTH.size + HEADER.size

@@ -10,16 +10,18 @@ from pathlib import Path
 
 import structlog
 
-from bella.exceptions import NoDataError, StoreError
+from bella.exceptions import StoreError
 
 STAGING = ".staging"
-SUFFIX = ".zarr"
+SUFFIX, FOLDER = ".zarr.zip", ".zarr"
+"""How the name of a group ends; and how it did up to version 0.2, when each was a folder of a hundred files."""
+
 _COMPONENT = re.compile(r"[A-Za-z0-9_][A-Za-z0-9._-]*")
 
 log = structlog.get_logger(__name__)
 
 
-def inside(root: Path, store_path: str) -> Path:
+def inside(root: Path, store_path: str, suffix: str = SUFFIX) -> Path:
     """Path of a group below the root.
 
     Parameters
@@ -28,6 +30,8 @@ def inside(root: Path, store_path: str) -> Path:
         Root of the store.
     store_path : str
         Path of the group relative to the root, with forward slashes.
+    suffix : str
+        How its name must end.
 
     Returns
     -------
@@ -42,8 +46,10 @@ def inside(root: Path, store_path: str) -> Path:
     components = store_path.split("/")
     target = (root.resolve() / store_path).resolve() if "\0" not in store_path else root
     well_formed = all(_COMPONENT.fullmatch(component) for component in components)
-    if not well_formed or not components[-1].endswith(SUFFIX) or not target.is_relative_to(root.resolve()):
-        raise StoreError(f"{store_path!r} is not a path of a group in the store: give one as <burst id>/<name>{SUFFIX}")
+    if well_formed and components[-1].endswith(FOLDER) and suffix != FOLDER:
+        raise StoreError(f"{store_path} is a folder, as older versions stored groups: run `bella store pack` once")
+    if not well_formed or not components[-1].endswith(suffix) or not target.is_relative_to(root.resolve()):
+        raise StoreError(f"{store_path!r} is not a path of a group in the store: give one as <burst id>/<name>{suffix}")
     return target
 
 
@@ -65,8 +71,7 @@ def flush(path: Path) -> None:
 def flush_tree(path: Path) -> None:
     """Make every file below a directory read-only and wait until all of it has reached the disk.
 
-    The directories stay writable: renaming and sweeping need that, and no code of this room opens a placed group for
-    writing.
+    The directories stay writable.
     """
     for folder, _, names in os.walk(path, topdown=False):
         for name in names:
@@ -86,7 +91,8 @@ def place_group(staged: Path, root: Path, name: str) -> str:
     root : Path
         Root of the store.
     name : str
-        New and unique path below the root, such as ``T3-20120607-1929/half_maximum-posterior-default-2d-3f9c.zarr``.
+        New and unique path below the root, such as
+        ``T3-20120607-1929/half_maximum-posterior-default-2d-3f9c.zarr.zip``.
 
     Returns
     -------
@@ -99,58 +105,25 @@ def place_group(staged: Path, root: Path, name: str) -> str:
         Where the name is taken or leads out of the root, or the disk refuses.
     """
     target = inside(root, name)
-    taken = StoreError(f"{name} is in the store already and groups are never replaced: place it under a new name")
-    if target.exists():
-        raise taken
     try:
         target.parent.mkdir(parents=True, exist_ok=True)
-        staged.rename(target)
+        target.hardlink_to(staged)  # unlike a rename, it never takes the place of another
+        staged.unlink()
         for folder in (staged.parent, *target.parents):
             if folder.is_relative_to(root.resolve()):
                 flush(folder)
+    except FileExistsError as error:
+        raise StoreError(
+            f"{name} is in the store already and groups are never replaced: place it under a new name"
+        ) from error
     except OSError as error:
-        if target.exists() and staged.exists():
-            raise taken from error
         raise StoreError(f"{name} could not be placed ({error.strerror}): free the disk and run again") from error
     log.info("group placed", store_path=name)
     return name
 
 
-def group_file(root: Path, store_path: str, key: str) -> Path:
-    """One file of a group, for serving it read-only.
-
-    Parameters
-    ----------
-    root : Path
-        Root of the store.
-    store_path : str
-        Path of the group as the catalogue keeps it.
-    key : str
-        Zarr key such as ``zarr.json`` or ``draws/c/0/0/0``.
-
-    Returns
-    -------
-    Path
-        An existing regular file inside the group.
-
-    Raises
-    ------
-    NoDataError
-        Where there is no such file or the key leads out of the group.
-    """
-    try:
-        group = inside(root, store_path)
-        file = (group / key).resolve()
-        found = file.is_relative_to(group) and file.is_file()
-    except (StoreError, ValueError, OSError):
-        found = False
-    if not found:
-        raise NoDataError(f"there is no {key!r} in {store_path}: begin with its zarr.json")
-    return file
-
-
 def age_s(group: Path, now: float) -> float:
-    """Seconds since anything in a group was last written, placed or renamed."""
+    """Seconds since a group, or anything in a folder, was last written, placed or renamed."""
     times = [group.stat().st_mtime, group.stat().st_ctime]
     for folder, _, names in os.walk(group):
         times.append(Path(folder).stat().st_mtime)
@@ -159,11 +132,11 @@ def age_s(group: Path, now: float) -> float:
 
 
 def placed_groups(root: Path) -> Iterator[str]:
-    """Paths of all placed groups relative to the root."""
-    for folder, names, _ in os.walk(root):
-        groups = [name for name in names if name.endswith(SUFFIX)]
-        names[:] = [name for name in names if name not in groups and not name.startswith(".")]
-        for name in sorted(groups):
+    """Paths of all placed groups relative to the root, those of older versions among them."""
+    for folder, names, files in os.walk(root):
+        folders = [name for name in names if name.endswith(FOLDER)]
+        names[:] = [name for name in names if name not in folders and not name.startswith(".")]
+        for name in sorted([*folders, *(name for name in files if name.endswith(SUFFIX))]):
             yield (Path(folder) / name).relative_to(root).as_posix()
 
 
@@ -210,5 +183,8 @@ def _remove(root: Path, path: str, now: float, older_than_s: float) -> bool:
         (root / path).rename(doomed)
     except FileNotFoundError:
         return False
-    shutil.rmtree(doomed, ignore_errors=True)
+    if doomed.is_dir():
+        shutil.rmtree(doomed, ignore_errors=True)
+    else:
+        doomed.unlink(missing_ok=True)
     return True

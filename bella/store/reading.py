@@ -3,23 +3,29 @@
 import asyncio
 import itertools
 import json
-from collections.abc import Callable, Sequence
+import zipfile
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, TypeVar
 
 import numpy as np
 import xarray as xr
 from zarr.core.sync import sync
+from zarr.storage import ZipStore
 
-from bella.exceptions import StoreError
+from bella.exceptions import NoDataError, StoreError
 from bella.store.digest import content_sha256, datasets_of
 from bella.store.layout import inside
 
 FORMAT_VERSION = 1
+ROOT = "zarr.json"
+"""Metadata of a group, and in the root those of all in it."""
+
 # what is smaller is read at once when a group is opened; draws of many frequencies stay on disk until asked for
 _READ_AT_ONCE_BYTES = 2_000_000
 
 Group = TypeVar("Group", xr.Dataset, xr.DataTree)
+Result = TypeVar("Result")
 
 
 def open_group(root: Path, store_path: str, sha256: str | None = None) -> xr.Dataset:
@@ -72,13 +78,48 @@ def open_tree(root: Path, store_path: str, sha256: str | None = None) -> xr.Data
     return _open(root, store_path, sha256, _open_datatree)
 
 
+def file_of_group(root: Path, store_path: str, key: str) -> bytes:
+    """One file of a group, for serving it read-only.
+
+    Parameters
+    ----------
+    root : Path
+        Root of the store.
+    store_path : str
+        Path of the group as the catalogue keeps it.
+    key : str
+        Zarr key such as ``zarr.json`` or ``draws/c/0/0/0``.
+
+    Returns
+    -------
+    bytes
+
+    Raises
+    ------
+    NoDataError
+        Where there is no such file in the group.
+    StoreError
+        Where the group is missing or damaged, or outside the root.
+    """
+    path = _present(root, store_path)
+
+    def _read() -> bytes | None:
+        with zipfile.ZipFile(path) as packed:
+            return packed.read(key) if key in packed.namelist() else None
+
+    found = _guarded(path, _read)
+    if found is None:
+        raise NoDataError(f"there is no {key!r} in {store_path}: begin with its zarr.json")
+    return found
+
+
 def read_everything(path: Path, *, tree: bool) -> xr.Dataset | xr.DataTree:
     """Read all of a group, staged or placed, from disk.
 
     Parameters
     ----------
     path : Path
-        Directory of the group.
+        ZIP file of the group.
     tree : bool
         True for a tree, False for a single dataset.
 
@@ -98,11 +139,7 @@ def read_everything(path: Path, *, tree: bool) -> xr.Dataset | xr.DataTree:
 
 
 def _open(root: Path, store_path: str, sha256: str | None, opener: Callable[[Path], Group]) -> Group:
-    path = inside(root, store_path)
-    if not path.is_dir():
-        raise StoreError(
-            f"{store_path} is not in the store {root}: restore it from a backup or localise the burst anew"
-        )
+    path = _present(root, store_path)
 
     def _opened() -> Group:
         group = _checked(path, opener)
@@ -114,7 +151,16 @@ def _open(root: Path, store_path: str, sha256: str | None, opener: Callable[[Pat
     return group
 
 
-def _guarded(path: Path, read: Callable[[], Group]) -> Group:
+def _present(root: Path, store_path: str) -> Path:
+    path = inside(root, store_path)
+    if not path.is_file():
+        raise StoreError(
+            f"{store_path} is not in the store {root}: restore it from a backup or localise the burst anew"
+        )
+    return path
+
+
+def _guarded(path: Path, read: Callable[[], Result]) -> Result:
     """Result of a read; whatever zarr, its codecs or the disk raise over a damaged group is one StoreError."""
     try:
         return read()
@@ -127,20 +173,27 @@ def _guarded(path: Path, read: Callable[[], Group]) -> Group:
 
 
 def _open_dataset(path: Path) -> xr.Dataset:
-    return xr.open_dataset(path, engine="zarr", chunks=None, zarr_format=3, consolidated=True)
+    return xr.open_dataset(_store(path), engine="zarr", chunks=None, zarr_format=3, consolidated=True)
 
 
 def _open_datatree(path: Path) -> xr.DataTree:
-    return xr.open_datatree(path, engine="zarr", chunks=None, zarr_format=3, consolidated=True)
+    return xr.open_datatree(_store(path), engine="zarr", chunks=None, zarr_format=3, consolidated=True)
+
+
+def _store(path: Path) -> Any:  # xarray takes stores of zarr, and its types do not say so
+    return ZipStore(path, mode="r")
 
 
 def _checked(path: Path, opener: Callable[[Path], Group]) -> Group:
     """Opened group, after its versions and the presence of each of its chunks were checked."""
-    metadata = json.loads((path / "zarr.json").read_text())
+    with zipfile.ZipFile(path) as packed:
+        sizes = {one.filename: one.file_size for one in packed.infolist()}
+        text = packed.read(ROOT)
+    metadata = json.loads(text)
     _refuse_unknown_format(path, metadata)
     for name, node in metadata["consolidated_metadata"]["metadata"].items():
         if node["node_type"] == "array":
-            _refuse_missing_chunks(path, name, node)
+            _refuse_missing_chunks(path, name, node, sizes)
     return opener(path)
 
 
@@ -153,15 +206,14 @@ def _refuse_unknown_format(path: Path, metadata: dict[str, Any]) -> None:
         )
 
 
-def _refuse_missing_chunks(path: Path, name: str, array: dict[str, Any]) -> None:
+def _refuse_missing_chunks(path: Path, name: str, array: dict[str, Any], present: Mapping[str, int]) -> None:
     """Zarr reads a missing file as the fill value; and an empty shard too; here each has content, so that is damage."""
     sizes = array["chunk_grid"]["configuration"]["chunk_shape"]
     counts = [-(-length // size) for length, size in zip(array["shape"], sizes, strict=True)]
     for index in itertools.product(*map(range, counts)):
-        key = "/".join(map(str, ("c", *index)))
-        file = path / name / key
-        if not file.is_file() or file.stat().st_size == 0:
-            raise StoreError(f"{path.name} lacks {name}/{key}: restore it from a backup or localise the burst anew")
+        key = "/".join(map(str, (name, "c", *index)))
+        if not present.get(key):
+            raise StoreError(f"{path.name} lacks {key}: restore it from a backup or localise the burst anew")
 
 
 def _small_loaded(group: Group) -> Group:

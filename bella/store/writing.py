@@ -1,9 +1,11 @@
 """Writing a group under a staging name and comparing what reached the disk with what was given."""
 
-import os
 import shutil
 import uuid
 import warnings
+import zipfile
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
@@ -11,16 +13,19 @@ import numpy as np
 import xarray as xr
 import zarr
 import zarr.codecs
+from zarr.core.buffer import Buffer
 from zarr.errors import ZarrUserWarning
+from zarr.storage import MemoryStore
 
 from bella.exceptions import StoreError
 from bella.store.digest import content_lines, datasets_of, is_text, sha256_of_lines
-from bella.store.layout import STAGING, SUFFIX, flush, flush_tree, inside, place_group
-from bella.store.reading import open_group, read_everything
+from bella.store.layout import FOLDER, STAGING, SUFFIX, flush, flush_tree, inside
+from bella.store.reading import ROOT, open_group, read_everything
 
-# a chunk holds one parameter at one frequency, whose bytes are alike and pack well; a shard keeps them in one file
+# a chunk holds one parameter at one frequency, whose bytes are alike and pack well; a shard keeps them together
 _SHARDED = "draws"
-_SHUFFLED_ZSTD = {"cname": "zstd", "clevel": 9, "shuffle": "shuffle"}
+_SHUFFLED_ZSTD = {"cname": "zstd", "clevel": 5, "shuffle": "shuffle"}
+"""Level 9 takes 0.9 s of CPU for a solution in place of 0.3 s, and saves 3 per cent."""
 _ROUNDED = {"draws": "draw", "joint_draws": "joint_draw", "joint_range_rsun": "joint_draw"}
 """Variables whose last bits are noise, and the dimension along which they scatter."""
 _STEPS_PER_SD = 32
@@ -71,20 +76,74 @@ def stage_group(group: xr.Dataset | xr.DataTree, root: Path) -> Path:
         Where it cannot be written; nothing is left behind.
     """
     staged = root.resolve() / STAGING / f"{uuid.uuid4().hex}{SUFFIX}"
-    try:
+    with _written(staged, root):
         staged.parent.mkdir(parents=True, exist_ok=True)
-        _write(group, staged)
-        flush_tree(staged)
+        files: dict[str, Buffer] = {}
+        _write(group, MemoryStore(files))
+        _pack({key: content.to_bytes() for key, content in files.items()}, staged)
         flush(staged.parent)
+    return staged
+
+
+@contextmanager
+def _written(staged: Path, root: Path) -> Iterator[None]:
+    """Leave nothing behind of what cannot be written, and say so in one line."""
+    try:
+        yield
     except (OSError, ValueError, TypeError) as error:
-        shutil.rmtree(staged, ignore_errors=True)
+        if staged.is_dir():
+            shutil.rmtree(staged, ignore_errors=True)
+        else:
+            with suppress(OSError):
+                staged.unlink()
         cause = str(error).partition("\n")[0]
         raise StoreError(f"the group could not be written to {root} ({cause}): free or repair it, run again") from error
+
+
+def _pack(files: Mapping[str, bytes], target: Path) -> None:
+    """Write a ZIP file, read-only and flushed: what is compressed already is stored as it is."""
+    with zipfile.ZipFile(target, "x") as packed:
+        for key in sorted(files):
+            is_json = key.endswith(ROOT)
+            packed.writestr(zipfile.ZipInfo(key), files[key], zipfile.ZIP_DEFLATED if is_json else zipfile.ZIP_STORED)
+    target.chmod(0o444)
+    flush(target)
+
+
+def packed_folder(root: Path, store_path: str) -> Path:
+    """Stage a group that an older version has stored as a folder, as one file with the same content.
+
+    Parameters
+    ----------
+    root : Path
+        Root of the store.
+    store_path : str
+        Path of the folder as the catalogue keeps it.
+
+    Returns
+    -------
+    Path
+        For `place_group`.
+
+    Raises
+    ------
+    StoreError
+        Where it is missing or damaged, or cannot be written.
+    """
+    folder = inside(root, store_path, FOLDER)
+    staged = root.resolve() / STAGING / f"{uuid.uuid4().hex}{SUFFIX}"
+    files = [one for one in folder.rglob("*") if one.is_file()]
+    if not files:
+        raise StoreError(f"{store_path} is not in the store {root}: restore it from a backup")
+    with _written(staged, root):
+        staged.parent.mkdir(parents=True, exist_ok=True)
+        _pack({one.relative_to(folder).as_posix(): one.read_bytes() for one in files}, staged)
+        flush(staged.parent)
     return staged
 
 
 def write_group(group: xr.Dataset | xr.DataTree, path: Path) -> None:
-    """Write a group to a path of its own, outside any store: verified, and whole or not there at all.
+    """Write a group as a folder of its own, outside any store: verified, and whole or not there at all.
 
     Parameters
     ----------
@@ -97,9 +156,16 @@ def write_group(group: xr.Dataset | xr.DataTree, path: Path) -> None:
     StoreError
         Where it cannot be written, or reads back differently.
     """
+    if path.exists():
+        raise StoreError(f"{path} is there already and groups are never replaced: name another")
     staged = stage_group(group, path.parent)
     verify_group(staged, group)
-    place_group(staged, path.parent, path.name)
+    folder = staged.with_suffix("")
+    with _written(folder, path.parent), zipfile.ZipFile(staged) as packed:
+        packed.extractall(folder)
+        flush_tree(folder)
+        folder.rename(path)
+    staged.unlink()
     staged.parent.rmdir()
 
 
@@ -125,13 +191,10 @@ def copy_group(root: Path, store_path: str, sha256: str, target: Path) -> None:
         Where the copy cannot be written.
     """
     source, copy = inside(root, store_path), inside(target, store_path)
-    if not source.is_dir():
+    if not source.is_file():
         raise StoreError(f"{store_path} is not in the store {root}: restore it from a backup")
-    for folder, _, names in os.walk(source):
-        (copy / Path(folder).relative_to(source)).mkdir(parents=True, exist_ok=True)
-        for name in names:
-            file = Path(folder) / name
-            shutil.copyfile(file, copy / file.relative_to(source))
+    copy.parent.mkdir(parents=True, exist_ok=True)
+    shutil.copyfile(source, copy)
     open_group(target, store_path, sha256)
 
 
@@ -165,13 +228,13 @@ def verify_group(path: Path, group: xr.Dataset | xr.DataTree) -> str:
     return sha256_of_lines(given)
 
 
-def _write(group: xr.Dataset | xr.DataTree, path: Path) -> None:
+def _write(group: xr.Dataset | xr.DataTree, store: MemoryStore) -> None:
     with warnings.catch_warnings(), zarr.config.set({"json_indent": None}):
         # readers that do not know consolidated metadata ignore it, and remote ones need one request instead of many
         warnings.filterwarnings("ignore", message="Consolidated metadata", category=ZarrUserWarning)
         for node, dataset in datasets_of(_plain(group)):
             dataset.to_zarr(
-                path,
+                store,
                 group=node.strip("/") or None,
                 mode="w-",
                 zarr_format=3,
@@ -179,7 +242,7 @@ def _write(group: xr.Dataset | xr.DataTree, path: Path) -> None:
                 write_empty_chunks=True,
                 encoding={str(name): _encoding(name, variable) for name, variable in dataset.variables.items()},
             )
-        zarr.consolidate_metadata(path, zarr_format=3)
+        zarr.consolidate_metadata(store, zarr_format=3)
 
 
 def _plain(group: xr.Dataset | xr.DataTree) -> xr.Dataset | xr.DataTree:

@@ -8,6 +8,7 @@ from fastapi.testclient import TestClient
 
 from api.app import create_app
 from bella.catalogue import Catalogue
+from bella.plotting.svg import figure as drawn
 from bella.settings import Settings
 from tests.api.published import publish_event, publish_many, published, settings_of, synthetic_burst
 from tests.plotting.synthetic import synthetic_track_fit
@@ -65,8 +66,9 @@ def settings_with_figures(tmp_path: Path) -> Settings:
     settings = settings_of(tmp_path / "home")
     with Catalogue.open(settings.catalogue_url, create=True) as catalogue:
         solution = published(settings, catalogue, edge="gauss_hermite")
-    for name in ("polar-fit", "shared-profile"):
-        figure = settings.fit_figure(solution.burst_id, solution.solution_id, name)
+    for name in ("wind", "shared-profile"):
+        figure = settings.solution_figure(solution.burst_id, solution.solution_id, name)
         figure.parent.mkdir(parents=True, exist_ok=True)
-        figure.write_bytes(b"\x89PNG\r\n\x1a\n")
+        figure.write_text(drawn(name, (10, 10), f"drawing of {name}"))
+        settings.fit_figure(solution.burst_id, solution.solution_id, name).write_bytes(b"\x89PNG\r\n\x1a\n")
     return settings

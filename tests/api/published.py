@@ -62,7 +62,7 @@ def published(
     """Publish one synthetic solution."""
     burst = burst or synthetic_burst()
     posterior = synthetic_posterior(edge, frequencies=frequencies).assign_attrs(burst_id=burst.burst_id)
-    path, sha256 = placed(settings, posterior, f"{burst.burst_id}/{edge}-{uuid.uuid4().hex[:8]}.zarr")
+    path, sha256 = placed(settings, posterior, f"{burst.burst_id}/{edge}-{uuid.uuid4().hex[:8]}.zarr.zip")
     rows = tuple(Localisation(**record) for record in localisation_records(posterior))  # type: ignore[arg-type]
     return catalogue.publish(
         Publication(
@@ -89,7 +89,7 @@ def synthetic_burst(*, burst_id: str = BURST_ID, start: datetime = ONSET, spectr
 
 def publish_event(settings: Settings, catalogue: Catalogue, frequencies: np.ndarray = CHANNELS) -> list[Solution]:
     """Publish the synthetic burst with its spectra and both definitions of the edge."""
-    spectra_path, _ = placed(settings, synthetic_spectra(), f"{BURST_ID}/spectra-{uuid.uuid4().hex[:8]}.zarr")
+    spectra_path, _ = placed(settings, synthetic_spectra(), f"{BURST_ID}/spectra-{uuid.uuid4().hex[:8]}.zarr.zip")
     burst = synthetic_burst(spectra_path=spectra_path)
     return [published(settings, catalogue, burst=burst, edge=edge, frequencies=frequencies) for edge in EDGES]
 

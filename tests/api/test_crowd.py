@@ -88,7 +88,10 @@ def test_a_day_comes_in_parts_and_nothing_is_lost(reader: TestClient) -> None:
     assert "1000 rejected candidates" in first
     assert first.count("Why it is no burst") == 1
     assert '"#T3-0003"' in first
-    assert '"?part=4#T3-0750"' in first
+    assert f'"/days/{DAY}?burst=T3-0750#T3-0750"' in first
+    assert 'id="T3-0750"' in page(reader, f"/days/{DAY}?burst=T3-0750")
+    assert 'id="T3-0750"' not in page(reader, f"/days/{DAY}?burst=T3-0750&part=1"), "a part that is asked for is shown"
+    assert 'id="T3-0003"' in page(reader, f"/days/{DAY}?burst=T3-nowhere")
     assert 'id="T3-0750"' in page(reader, f"/days/{DAY}?part=4")
     for wrong in ("0", "6", "x", "-1", "1" * 30):
         assert reader.get(f"/days/{DAY}?part={wrong}", headers={"Accept": "text/html"}).status_code == 422, wrong

@@ -148,7 +148,7 @@ def test_an_installation_without_days_says_what_to_run(empty: Settings) -> None:
 
 def test_a_day_shows_bursts_with_why_they_were_not_placed(reader: TestClient) -> None:
     text = page(reader, "/days/2020-07-21")
-    groups = re.findall(r"<tbody.*?</tbody>", text[text.index('class="received"') : text.index("<details>")])
+    groups = re.findall(r"<tbody.*?</tbody>", text[text.index('class="received stack"') : text.index("<details>")])
     assert len(groups) == 3
     assert f'href="/bursts/{PLACED}"' in groups[0]
     assert groups[0].count("<tr>") == 3
@@ -162,6 +162,41 @@ def test_a_day_shows_bursts_with_why_they_were_not_placed(reader: TestClient) ->
     assert "1 rejected candidate<" in rejected
     assert "few channels above 0.8 MHz" in rejected
     assert 'class="figure day"' in text
+
+
+@pytest.mark.parametrize(
+    ("asked", "shown"),
+    [
+        ("06:00,09:30", "21600,34200"),
+        ("20:00,24:00", "72000,86400"),
+        ("09:00,06:00", "0,86400"),
+        ("09:00,09:05", "0,86400"),
+        ("x", "0,86400"),
+        ("23:00,24:59", "82800,86400"),
+    ],
+)
+def test_a_part_of_a_day_is_shown_and_a_broken_link_shows_all(home: Settings, asked: str, shown: str) -> None:
+    home.day_figure(DAY.day).write_text(DRAWN.replace("<svg ", '<svg data-time="0,86400" '))
+    with TestClient(create_app(home)) as client:
+        text = page(client, f"/days/2020-07-21?t={asked}")
+    assert f'data-time="{shown}"' in text
+    assert ('aria-current="true">whole day' in text) == (shown == "0,86400")
+
+
+def test_the_calendar_is_a_file_of_any_kind_with_its_caption(reader: TestClient) -> None:
+    listed = page(reader, "/days?from=2020-07-01&to=2020-08-31")
+    for kind, begins in (("svg", b"<svg "), ("png", b"\x89PNG"), ("pdf", b"%PDF")):
+        address = f"/days/calendar.{kind}?from=2020-07-01&to=2020-08-31"
+        assert f'href="{address.replace("&", "&amp;")}"' in listed
+        made = reader.get(address)
+        assert made.content.startswith(begins)
+        assert made.headers["content-disposition"] == f'inline; filename="bella_days_2020-07-20_2020-08-10.{kind}"'
+    kept = " ".join(reader.get("/days/calendar.svg?from=2020-07-01&to=2020-08-31").text.replace("</text>", " ").split())
+    assert "Searched days from 2020-07-20 to 2020-08-10." in kept
+    assert "/days?from=2020-07-01" in kept
+    assert reader.get("/days/calendar.svg?from=1990-01-01&to=1990-01-02").status_code == 404
+    assert reader.get("/days/calendar.svg?from=never").status_code == 422
+    assert reader.get("/days/calendar.gif").status_code == 422
 
 
 def test_a_day_leads_to_the_searched_days_beside_it(reader: TestClient) -> None:
@@ -188,7 +223,7 @@ def test_a_day_that_was_not_searched_says_what_to_run(reader: TestClient) -> Non
 
 
 def test_bursts_and_the_catalogue_lead_to_days(reader: TestClient) -> None:
-    assert f'href="/days/2020-07-21#{PLACED}"' in page(reader, f"/bursts/{PLACED}")
+    assert f'href="/days/2020-07-21?burst={PLACED}#{PLACED}"' in page(reader, f"/bursts/{PLACED}")
     assert f'id="{PLACED}"' in page(reader, "/days/2020-07-21")
     assert "/days/2012" not in page(reader, f"/bursts/{synthetic_burst().burst_id}"), "that day was not searched"
     main = page(reader, "/")

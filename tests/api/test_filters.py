@@ -163,9 +163,11 @@ def rows_of(reply: httpx.Response) -> list[Any]:
 
 def test_too_many_bursts_for_one_reply_are_refused(reader: TestClient, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("api.tables.MOST_BURSTS", 3)
-    assert "more than 3 bursts" in reader.get("/api/v1/tracks?limit=all&format=ecsv").json()["detail"]
-    assert reader.get("/api/v1/tracks?limit=all&grade=A&format=ecsv").status_code == 200
-    assert reader.get("/api/v1/tracks?limit=all").status_code == 200, "streamed, in any number"
+    refused = reader.get("/api/v1/tracks?limit=all&format=cdf").json()["detail"]
+    assert "more than 3 bursts" in refused
+    assert "json, csv, ecsv, votable, netcdf, parquet" in refused
+    assert reader.get("/api/v1/tracks?limit=all&grade=A&format=cdf").status_code == 200
+    assert reader.get("/api/v1/tracks?limit=all&format=ecsv").status_code == 200, "streamed, in any number"
     assert reader.get("/api/v1/tracks?limit=every").status_code == 422
 
 

@@ -1,6 +1,7 @@
 """Replies that are kept: the same bytes as if they were made again, never older than the catalogue."""
 
 from collections.abc import Iterator
+from typing import Any
 
 import pytest
 from fastapi.testclient import TestClient
@@ -109,7 +110,7 @@ def test_what_is_not_kept_is_not_sent_to_who_has_it(
     monkeypatch.setattr(api.kept, "LARGEST_BYTES", 1)
     with TestClient(create_app(settings_with_figures)) as reader:
         solution = reader.get(BURST).json()["preferred_solution"]
-        for address in (LIST, f"{LIST}?limit=%61ll", f"/api/v1/solutions/{solution}/figures/polar-fit"):
+        for address in (LIST, f"{LIST}?limit=%61ll", f"/api/v1/solutions/{solution}/figures/wind"):
             first = reader.get(address)
             assert (first.status_code, bool(first.content)) == (200, True)
             known = reader.get(address, headers={"If-None-Match": first.headers["etag"]})
@@ -117,22 +118,43 @@ def test_what_is_not_kept_is_not_sent_to_who_has_it(
             assert reader.get(address, headers={"If-None-Match": '"other"'}).content == first.content
 
 
-def test_kept_replies_grow_old_and_make_room(
-    client: TestClient, statements: list[str], monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_kept_replies_grow_old(client: TestClient, statements: list[str], monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(api.kept, "AGE_S", -1.0)
     client.get(LIST)
     statements.clear()
     client.get(LIST)
     assert statements
-    monkeypatch.setattr(api.kept, "AGE_S", 60.0)
-    client.get(LIST)
-    for most, is_read in ((10**6, False), (1, True)):
-        monkeypatch.setattr(api.kept, "MOST_BYTES", most)
-        client.get(f"{LIST}?limit={2 + is_read}")
+
+
+@pytest.mark.parametrize(("most", "is_read"), [(10**6, False), (3000, True)])
+def test_kept_replies_make_room(
+    filled: Settings, statements: list[str], monkeypatch: pytest.MonkeyPatch, most: int, is_read: bool
+) -> None:
+    monkeypatch.setattr(api.kept, "MOST_BYTES", most)
+    with TestClient(create_app(filled)) as client:
+        client.get(LIST)
+        client.get(f"{LIST}?limit=2")
         statements.clear()
         client.get(LIST)
         assert bool(statements) is is_read
+
+
+def test_what_one_process_keeps_of_a_burst_ends_with_any_change_of_it(empty: Settings) -> None:
+    with (
+        Catalogue.open(empty.catalogue_url, create=True) as catalogue,
+        TestClient(create_app(empty)) as reader,
+    ):
+        published(empty, catalogue)
+
+        def said() -> dict[str, Any]:
+            (one,) = reader.get(f"{LIST}?retracted=true").json()["bursts"]
+            return dict(one)
+
+        first = said()
+        catalogue.prefer(BURST_ID, first["preferred_solution"], "by hand")
+        assert said()["preference"]["reason"] == "by hand"
+        catalogue.retract(BURST_ID, "a test")
+        assert said()["retracted"]["reason"] == "a test"
 
 
 def test_a_catalogue_that_is_away_is_still_said(empty: Settings) -> None:

@@ -83,7 +83,8 @@ def test_a_filter_that_cannot_be_read_stays_in_the_form(client: TestClient) -> N
 
 def test_burst_page_shows_the_other_answers_with_what_they_would_change(client: TestClient) -> None:
     text = page(client, f"/bursts/{BURST_ID}")
-    table = text[text.index('class="others"') : text.index("</table>", text.index('class="others"'))]
+    table = text[text.index('class="others stack"') :]
+    table = table[: table.index("</table>")]
     first, second = table.split("<tbody>")[1].split("</tr>")[:2]
     assert "Half-maximum, posterior, bella-2024" in first
     assert "<strong>13° W</strong>" in first
@@ -104,7 +105,7 @@ def test_a_link_with_a_version_shows_that_version(client: TestClient) -> None:
     assert "an older version" in page(client, f"/bursts/{BURST_ID}?{query}&version=1")
     newest = page(client, f"/bursts/{BURST_ID}?{query}&version=2")
     assert 'id="other-series"' not in newest
-    assert f'data-permanent="/bursts/{BURST_ID}?{query.replace("&", "&amp;")}&amp;version=2"' in newest
+    assert f'href="/bursts/{BURST_ID}?{query.replace("&", "&amp;")}&amp;version=2" id="copy-link"' in newest
     assert "no such series" in page(client, f"/bursts/{BURST_ID}?{query}&version=9", 404)
 
 
@@ -171,16 +172,32 @@ def test_burst_page_of_an_older_version_has_no_track_section(settings_of_old: Se
 def test_figures_of_a_solution_are_shown_once_they_are_drawn(settings_with_figures: Settings) -> None:
     with TestClient(create_app(settings_with_figures)) as other:
         text = page(other, f"/bursts/{BURST_ID}")
-        addresses = re.findall(r'<img src="(/api/[^"]+)"', text)
-        assert [address.rpartition("/")[2] for address in addresses] == ["polar-fit", "shared-profile"]
+        addresses = re.findall(r'href="(/solutions/[^"]+)"', text)
+        assert [address.rpartition("/")[2] for address in addresses] == [
+            f"{name}.{kind}" for name in ("wind", "shared-profile") for kind in ("svg", "png", "pdf")
+        ]
         assert "shifted and stretched onto the profile that they share" in text
-        for reply in map(other.get, addresses):
-            assert (reply.status_code, reply.headers["content-type"]) == (200, "image/png")
-            assert "immutable" in reply.headers["cache-control"]
-        missing = other.get(addresses[0].replace("polar-fit", "density"))
+        assert text.count("drawing of wind") == 1
+        for address, begins in zip(addresses[3:], (b"<svg ", b"\x89PNG", b"%PDF"), strict=True):
+            reply = other.get(address)
+            assert reply.content.startswith(begins)
+            assert reply.headers["content-security-policy"].startswith("default-src 'none'")
+        kept = " ".join(other.get(addresses[3]).text.replace("</text>", " ").split())
+        for words in ("shifted and stretched", f"Burst {BURST_ID}.", "Cite: BELLA service, http://testserver/api/v1/"):
+            assert words in kept, words
+        picture = other.get(addresses[0].replace("/solutions", "/api/v1/solutions").removesuffix(".svg"))
+        assert (picture.status_code, picture.headers["content-type"]) == (200, "image/png")
+        assert "immutable" in picture.headers["cache-control"]
+        assert other.get(addresses[0].replace("wind", "anything")).status_code == 422
+        assert other.get(addresses[0].replace(".svg", ".gif")).status_code == 422
+
+
+def test_a_figure_that_was_not_drawn_is_said_so(client: TestClient) -> None:
+    solution = client.get(f"/api/v1/bursts/{BURST_ID}").json()["preferred_solution"]
+    for address in (f"/solutions/{solution}/figures/wind.svg", f"/api/v1/solutions/{solution}/figures/wind"):
+        missing = client.get(address)
         assert missing.status_code == 404
         assert "run the burst again" in missing.json()["detail"]
-        assert other.get(addresses[0].replace("polar-fit", "anything")).status_code == 422
 
 
 def test_burst_page_marks_the_superseded_version(client: TestClient) -> None:
@@ -304,7 +321,7 @@ def test_events_near_a_burst_stand_on_its_page(tmp_path: Path) -> None:
         catalogue.events.link(BURST_ID, [Link(flare, -120.0)])
     with TestClient(create_app(settings)) as other:
         text = page(other, f"/bursts/{BURST_ID}")
-        table = text[text.index('class="events"') : text.index("</table>", text.index('class="events"'))]
+        table = text[text.index('class="events stack"') :].partition("</table>")[0]
         for words in ("flare", "2012-06-07 19:24", "\N{MINUS SIGN}2.0", "C3.4", ">62<", "1494", "swpc"):
             assert words in table, words
         assert 'id="no-events"' in page(other, "/bursts/T3-20120608-0000")

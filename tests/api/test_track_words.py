@@ -11,6 +11,7 @@ from api.app import create_app
 from api.pages.track import PLAIN_MODEL, facts_of, fits_of
 from api.rendering import environment
 from bella.catalogue import Catalogue
+from bella.plotting.svg import figure as drawn
 from bella.tracks import TrackModel
 from tests.api.published import published, settings_of
 from tests.plotting.synthetic import BURST_ID, synthetic_track_fit
@@ -220,9 +221,9 @@ def test_page_and_api_show_the_wind(tmp_path: Path) -> None:
     fit["companions"]["wind"] = WIND
     with Catalogue.open(settings.catalogue_url, create=True) as catalogue:
         solution = published(settings, catalogue, edge="gauss_hermite", track_fit=fit)
-    figure = settings.fit_figure(solution.burst_id, solution.solution_id, "wind")
+    figure = settings.solution_figure(solution.burst_id, solution.solution_id, "wind")
     figure.parent.mkdir(parents=True)
-    figure.write_bytes(b"\x89PNG\r\n\x1a\n")
+    figure.write_text(drawn("wind-map", (10, 10), "drawing of the wind"))
     with TestClient(create_app(settings), raise_server_exceptions=False) as client:
         text = client.get(f"/bursts/{BURST_ID}", headers={"accept": "text/html"}).text
         for words in (
@@ -234,8 +235,9 @@ def test_page_and_api_show_the_wind(tmp_path: Path) -> None:
             "Left out: sta.lst cannot be read.",
         ):
             assert words in text, words
-        (address,) = re.findall(r'<img src="(/api/[^"]+/figures/wind)"', text)
-        assert client.get(address).headers["content-type"] == "image/png"
+        (address,) = re.findall(r'href="(/solutions/[^"]+/figures/wind.svg)"', text)
+        assert "drawing of the wind" in text
+        assert "the field line of this wind" in client.get(address).text.replace("</text>", " ")
         track = client.get(f"/api/v1/bursts/{BURST_ID}/track").json()["track_fit"]
         assert track["companions"]["wind"] == WIND
     assert said("in_situ", {"reason": "set BELLA_IN_SITU"}) == "Not computed: set BELLA_IN_SITU."

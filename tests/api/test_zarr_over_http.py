@@ -40,8 +40,20 @@ def test_a_byte_range_is_a_part_of_the_file(address: str) -> None:
     assert middle.headers["content-range"] == f"bytes 10-19/{len(whole.content)}"
     tail = httpx.get(url, headers={"Range": "bytes=-7"})
     assert (tail.status_code, tail.content) == (206, whole.content[-7:])
-    beyond = httpx.get(url, headers={"Range": f"bytes={len(whole.content)}-"})
-    assert beyond.status_code == 416
+    rest = httpx.get(url, headers={"Range": f"bytes=10-{10**9}"})
+    assert (rest.status_code, rest.content) == (206, whole.content[10:])
+    assert rest.headers["content-range"] == f"bytes 10-{len(whole.content) - 1}/{len(whole.content)}"
+    same = httpx.get(url, headers={"Range": "bytes=0-0", "If-Range": whole.headers["etag"]})
+    assert (same.status_code, same.content) == (206, whole.content[:1])
+    for beyond in (f"bytes={len(whole.content)}-", "bytes=-0"):
+        refused = httpx.get(url, headers={"Range": beyond})
+        assert refused.status_code == 416
+        assert refused.headers["content-range"] == f"bytes */{len(whole.content)}"
+    all_of_it = ({"Range": "bytes=5-2"}, {"Range": "bytes=-"}, {"Range": "bytes=0-1,4-5"}, {"Range": "lines=1-2"})
+    for asked in (*all_of_it, {"Range": "bytes=0-1", "If-Range": '"another"'}):
+        reply = httpx.get(url, headers=asked)
+        assert (reply.status_code, reply.content) == (200, whole.content)
+    assert whole.headers["accept-ranges"] == "bytes"
 
 
 def test_head_is_get_without_the_body(address: str) -> None:

@@ -10,18 +10,17 @@ from typing import Any
 import pytest
 from playwright.sync_api import Browser, Page, expect, sync_playwright
 
-from bella.catalogue import Catalogue, SearchedDay, Solution
+from bella.catalogue import Catalogue, SearchedDay
 from bella.pipeline.draw import draw_day
-from bella.plotting import write_density_png, write_polar_fit_png
-from bella.settings import FIT_FIGURES, Settings
+from bella.plotting import shared_profile_figure, write_whole
+from bella.settings import COLLAPSED_FIGURE, Settings
 from tests.api.published import ONSET, publish_event, publish_many, served, settings_of
 from tests.catalogue.test_detections import received
 from tests.plotting.synthetic import (
     BURST_ID,
     FREQUENCIES_MHZ,
-    synthetic_posterior,
+    synthetic_samples,
     synthetic_spectra,
-    synthetic_track_fit,
 )
 from tests.waiting import PATIENCE_S
 
@@ -62,19 +61,12 @@ def address(tmp_path_factory: pytest.TempPathFactory) -> Iterator[str]:
     settings = settings_of(tmp_path_factory.mktemp("browser"))
     with Catalogue.open(settings.catalogue_url, create=True) as catalogue:
         for solution in publish_event(settings, catalogue, FREQUENCIES_MHZ):
-            draw_fits(settings, solution)
+            kept = settings.solution_figure(solution.burst_id, solution.solution_id, COLLAPSED_FIGURE)
+            write_whole(kept, shared_profile_figure(synthetic_samples()))
         publish_many(settings, catalogue, 8)
         search_days(settings, catalogue)
     with served(settings) as base:
         yield base
-
-
-def draw_fits(settings: Settings, solution: Solution) -> None:
-    """Draw the figures of a solution, as the flow does."""
-    posterior, fit = synthetic_posterior(solution.series.edge), synthetic_track_fit(solution.series.edge)
-    paths = [settings.fit_figure(solution.burst_id, solution.solution_id, name) for name in FIT_FIGURES]
-    write_polar_fit_png(paths[0], posterior, fit | fit["companions"])
-    write_density_png(paths[1], posterior)
 
 
 def search_days(settings: Settings, catalogue: Catalogue) -> None:

@@ -166,9 +166,11 @@ def test_nonsense_in_the_address_is_no_harm(watch: Watch, burst_path: str) -> No
 
 def test_a_copied_link_names_series_and_version(watch: Watch, burst_path: str) -> None:
     page = watch.open(f"{burst_path}?view=fleet")
-    button = page.get_by_role("button", name="Copy lasting link")
-    permanent = button.get_attribute("data-permanent") or ""
+    permanent = page.get_by_role("link", name="Copy lasting link").get_attribute("href") or ""
     assert "edge=half_maximum" in permanent
     assert "version=1" in permanent
+    page.get_by_role("link", name="Copy lasting link").click()
+    expect(page.locator("#copied")).not_to_be_empty()
+    assert view(page) == {"view": "fleet"}
     page.goto(watch.address + permanent)
     expect(page.locator("#answer")).to_contain_text("13° W")

@@ -1,5 +1,7 @@
 """Searched days, from the list to a day, to a burst and back: with the mouse, the keyboard, and without scripts."""
 
+import re
+
 import pytest
 from playwright.sync_api import Page, expect
 
@@ -37,6 +39,36 @@ def test_from_the_catalogue_to_a_day_to_a_burst_and_back(watch: Watch) -> None:
     page.locator("table.received").get_by_role("link", name=BURST_ID).click()
     page.get_by_role("link", name="2012-06-07").first.click()
     expect(page.locator(f"#{BURST_ID}")).to_be_in_viewport()
+    assert page.url.endswith(f"{DAY}?burst={BURST_ID}#{BURST_ID}")
+
+
+def across_day(page: Page, *shares: float) -> None:
+    """Drag over shares of the width of the first spectrum."""
+    box = page.locator("svg.day .no-data").first.bounding_box()
+    assert box
+    places = [(box["x"] + share * box["width"], box["y"] + 0.9 * box["height"]) for share in shares]
+    page.mouse.move(*places[0])
+    page.mouse.down()
+    page.mouse.move(*places[1], steps=5)
+    page.mouse.up()
+
+
+def test_a_part_of_the_day_is_zoomed_by_the_mouse_and_by_links(watch: Watch) -> None:
+    page = watch.open(DAY)
+    loaded_figure(page)
+    across_day(page, 0.75, 0.875)
+    expect(page.locator("svg.day")).to_have_attribute("data-time", re.compile("^6[45]"))
+    assert re.search(r"t=1[78]:\d\d,2[01]:\d\d$", page.url)
+    expect(page.locator("svg.day .hours")).to_contain_text("19:30")
+    expect(page.locator("svg.day .onset-label")).to_have_count(3)
+    page.get_by_role("link", name="00 to 06").click()
+    expect(page.locator("svg.day .onset-label")).to_have_count(0)
+    assert page.url.endswith("?t=00:00,06:00")
+    page.reload()
+    expect(page.locator("svg.day .hours")).to_contain_text("05:00")
+    page.get_by_role("link", name="whole day").click()
+    expect(page.locator("svg.day .onset-label")).to_have_count(3)
+    page.locator("svg.day a", has=page.locator(".box.localised")).first.click()
     assert page.url.endswith(f"{DAY}#{BURST_ID}")
 
 

@@ -36,6 +36,13 @@ def seen_in(low: int, high: int) -> np.ndarray:
         (3, 10, (8.4, 5.0), 1.0, NO_DRIFT),
         (3, 2, (5.0, 5.0), 1.0, NO_SUPPORT),
         (3, 3, (9.0, 5.0), 1.0, NO_DRIFT),
+        (24, -7, (8.3, 5.0), 1.0, ""),  # three channels above 0.8 MHz
+        (24, -7, (8.4, 5.0), 1.0, NO_SUPPORT),
+        (24, -7, (9.0, 5.0), 2.0, ""),
+        (24, -7, (9.2, 5.0), 2.0, NO_SUPPORT),
+        (24, -7, (5.0, 9.9), 3.0, ""),
+        (24, -7, (5.0, 10.1), 6.0, NO_SUPPORT),
+        (20, -7, (5.0, 5.0), 3.0, NO_SUPPORT),  # 13 in all
     ],
 )
 def test_a_drift_has_to_fit_better_than_none(low, high, undrifting, revisit, reason) -> None:

@@ -59,7 +59,7 @@ def publication(
             inputs_hash=inputs_hash,
             code_version="0.1.0",
             flags=("speed_not_constrained",),
-            store_path=f"{own.burst_id}/{tail}.zarr",
+            store_path=f"{own.burst_id}/{tail}.zarr.zip",
             store_sha256="cd" * 32,
             reference_utc=own.start_utc,
             localisations=(localisation(0.5), localisation(0.25)),

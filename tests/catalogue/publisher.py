@@ -8,11 +8,11 @@ import os
 import signal
 import sys
 import uuid
+import zipfile
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
+from typing import IO, Any, cast
 
-import zarr.storage
 from sqlalchemy import Engine, event
 
 import bella.store.writing
@@ -34,7 +34,7 @@ def arm(step: str) -> Callable[[str], None]:
     if step == "half written":
         _die_in_the_middle_of_writing()
     if step == "not flushed":
-        bella.store.writing.flush_tree = die
+        bella.store.writing.flush = die
 
     def after(done: str) -> None:
         if done == step:
@@ -47,16 +47,17 @@ def arm(step: str) -> Callable[[str], None]:
 
 
 def _die_in_the_middle_of_writing() -> None:
-    put = zarr.storage.LocalStore.set
+    put = zipfile.ZipFile.writestr
     chunks: list[str] = []
 
-    async def set_(self: Any, key: str, value: Any) -> None:
-        await put(self, key, value)
-        chunks.append(key)
+    def writestr(self: zipfile.ZipFile, name: zipfile.ZipInfo, *given: Any) -> None:
+        put(self, name, *given)
+        chunks.append(name.filename)
         if len([one for one in chunks if not one.endswith("zarr.json")]) == 4:
+            cast("IO[bytes]", self.fp).flush()
             die()
 
-    zarr.storage.LocalStore.set = set_  # type: ignore[method-assign]
+    zipfile.ZipFile.writestr = writestr  # type: ignore[method-assign, assignment]
 
 
 def _has_solution(connection: Any) -> bool:
@@ -80,7 +81,7 @@ def run(home: Path, database_url: str, step: str = "none") -> Solution:
         done("stage")
         sha256 = verify_group(staged, group)
         done("verify")
-        path = place_group(staged, root, f"{BURST}/{uuid.uuid4().hex}.zarr")
+        path = place_group(staged, root, f"{BURST}/{uuid.uuid4().hex}.zarr.zip")
         done("place")
         solution = catalogue.publish(publication("h1", store_path=path, store_sha256=sha256))
         done("commit")

@@ -34,7 +34,7 @@ def submit(url: str, sha256: str) -> str:
 
 
 def _unique_path() -> str:
-    return f"T3-20120607-1929/{datetime.now(UTC).timestamp():.6f}-{id(object())}-{_name()}.zarr"
+    return f"T3-20120607-1929/{datetime.now(UTC).timestamp():.6f}-{id(object())}-{_name()}.zarr.zip"
 
 
 def _name() -> str:

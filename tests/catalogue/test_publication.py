@@ -56,10 +56,22 @@ def test_companions_are_added_once_and_nothing_else_of_a_solution_changes(catalo
         catalogue.add_companions(f"{first.solution_id}9", beside)
 
 
+def test_a_superseded_solution_waits_for_no_companions(catalogue: Catalogue) -> None:
+    track = fitted().model_copy(update={"companions_pending": True})
+    first = catalogue.publish(publication(track_fit=track))
+    other = catalogue.publish(publication(series=replace(SERIES, edge="half_rise"), track_fit=track))
+    second = catalogue.publish(publication(inputs_hash="other", track_fit=track))
+    assert second.supersedes == first.solution_id
+    waits = {one.solution_id: catalogue.track_fit(one.solution_id)["companions_pending"] for one in (first, second)}
+    assert waits == {first.solution_id: False, second.solution_id: True}
+    assert catalogue.track_fit(other.solution_id)["companions_pending"]
+    assert catalogue.track_fit(first.solution_id)["joint"] == catalogue.track_fit(second.solution_id)["joint"]
+
+
 def test_the_same_inputs_and_code_change_nothing(catalogue: Catalogue) -> None:
     first = catalogue.publish(publication())
     before = counts(catalogue)
-    again = catalogue.publish(publication(store_path="T3-20120607-1929/other.zarr", of=burst(f_low_mhz=0.01)))
+    again = catalogue.publish(publication(store_path="T3-20120607-1929/other.zarr.zip", of=burst(f_low_mhz=0.01)))
     assert again == first
     assert counts(catalogue) == before
     assert catalogue.burst("T3-20120607-1929").burst == burst()
@@ -71,7 +83,7 @@ def test_a_rival_who_was_faster_is_noticed_under_the_lock(
     first = catalogue.publish(publication())
     before = counts(catalogue)
     monkeypatch.setattr("bella.catalogue.publication.find_solution", lambda *_: None)
-    late = publication(store_path="T3-20120607-1929/late.zarr", of=burst(f_low_mhz=0.01))
+    late = publication(store_path="T3-20120607-1929/late.zarr.zip", of=burst(f_low_mhz=0.01))
     assert catalogue.publish(late) == first
     assert counts(catalogue) == before
     assert catalogue.burst("T3-20120607-1929").burst == burst()
@@ -80,7 +92,7 @@ def test_a_rival_who_was_faster_is_noticed_under_the_lock(
 @pytest.mark.parametrize("change", [{"inputs_hash": "h2"}, {"code_version": "0.2.0"}])
 def test_other_inputs_or_code_make_the_next_version(catalogue: Catalogue, change: dict[str, str]) -> None:
     first = catalogue.publish(publication())
-    second = catalogue.publish(publication(store_path="T3-20120607-1929/second.zarr", **change))
+    second = catalogue.publish(publication(store_path="T3-20120607-1929/second.zarr.zip", **change))
     assert (second.version, second.supersedes) == (2, first.solution_id)
     assert second.solution_id.endswith(".v2")
     assert catalogue.burst("T3-20120607-1929").solutions == (second,)
@@ -91,7 +103,7 @@ def test_other_inputs_or_code_make_the_next_version(catalogue: Catalogue, change
 
 def test_only_the_newest_version_counts_as_the_same(catalogue: Catalogue) -> None:
     for number, inputs_hash in enumerate(("h1", "h2", "h1"), start=1):
-        path = f"T3-20120607-1929/{number}.zarr"
+        path = f"T3-20120607-1929/{number}.zarr.zip"
         assert catalogue.publish(publication(inputs_hash, store_path=path)).version == number
     found = catalogue.find_solution("T3-20120607-1929", SERIES, "h1", "0.1.0")
     assert found is not None
@@ -166,13 +178,13 @@ def test_times_in_another_zone_are_the_same_instants(catalogue: Catalogue) -> No
 
 
 def test_a_new_version_updates_the_burst_but_keeps_its_spectra(catalogue: Catalogue) -> None:
-    catalogue.publish(publication("h1", of=burst(spectra_path="T3-20120607-1929/spectra.zarr")))
+    catalogue.publish(publication("h1", of=burst(spectra_path="T3-20120607-1929/spectra.zarr.zip")))
     catalogue.publish(publication("h2", of=burst(observatories=("PSP", "WIND", "SOLO"), f_low_mhz=0.03)))
     found = catalogue.burst("T3-20120607-1929").burst
     assert found.observatories == ("PSP", "WIND", "SOLO")
     assert found.f_low_mhz == 0.03
-    assert found.spectra_path == "T3-20120607-1929/spectra.zarr"
-    assert "T3-20120607-1929/spectra.zarr" in catalogue.referenced_paths()
+    assert found.spectra_path == "T3-20120607-1929/spectra.zarr.zip"
+    assert "T3-20120607-1929/spectra.zarr.zip" in catalogue.referenced_paths()
 
 
 def test_inputs_are_shared_by_solutions_and_their_state_follows(catalogue: Catalogue) -> None:

@@ -1,5 +1,6 @@
 import uuid
 from collections.abc import Callable, Iterator
+from dataclasses import replace
 from datetime import UTC, datetime, timedelta
 from itertools import count
 from typing import Any, Literal
@@ -9,7 +10,8 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from sqlalchemy import Connection, event
 
-from bella.catalogue import BurstQuery, Catalogue, ListRead, SearchedDay, Series
+from bella.catalogue import BurstQuery, Catalogue, ListRead, SearchedDay, Series, queries
+from bella.catalogue.kept import Kept
 from bella.exceptions import InputError
 from tests.catalogue.examples import SERIES, START, burst, fitted, localisation, publication
 
@@ -371,3 +373,59 @@ def test_the_last_change_is_that_of_the_newest(catalogue: Catalogue) -> None:
     assert catalogue.changed_utc("events") == read.read_utc
     catalogue.events.note_linked(START + timedelta(days=2))
     assert catalogue.changed_utc("events") == START + timedelta(days=2)
+
+
+def test_what_is_kept_of_a_burst_is_never_older_than_the_catalogue(catalogue: Catalogue, catalogue_url: str) -> None:
+    def publish(edge: str, version: str, **changes: Any) -> None:
+        own = burst("A", START, **changes)
+        catalogue.publish(publication(version, of=own, series=replace(SERIES, edge=edge), track_fit=fitted()))
+
+    first = SERIES.edge
+    changes: tuple[Callable[[], object], ...] = (
+        lambda: publish(first, "1"),
+        lambda: publish(first, "1"),
+        lambda: publish(first, "2", observatories=("WIND", "PSP", "SOLO"), f_low_mhz=0.2),
+        lambda: publish("half_rise", "1", end_utc=START + timedelta(hours=1)),
+        lambda: catalogue.prefer("A", "half_rise", "by hand"),
+        lambda: catalogue.prefer("A", "half_rise", "for another reason"),
+        lambda: catalogue.prefer_by_rule("A"),
+        lambda: catalogue.add_companions(f"A.{first}.posterior.default.2d.v2", {}),
+        lambda: catalogue.retract("A.half_rise.posterior.default.2d.v1", "a test"),
+        lambda: catalogue.retract("A", "a test"),
+    )
+    for change in changes:
+        change()
+        with Catalogue.open(catalogue_url) as fresh:
+            expected = fresh.burst("A")
+        assert catalogue.burst("A") == expected
+        assert catalogue.bursts(BurstQuery(with_retracted=True)).bursts == (expected,)
+
+
+def test_bursts_that_are_kept_are_not_read_again(three: Catalogue) -> None:
+    statements: list[str] = []
+    three.bursts()
+
+    def note(connection: Connection, cursor: object, statement: str, *_: object) -> None:
+        if statement.startswith("SELECT"):
+            statements.append(statement)
+
+    event.listen(three._engine, "before_cursor_execute", note)
+    assert [one.burst.burst_id for one in three.bursts().bursts] == ["A", "B", "C"]
+    assert len(statements) == 1
+    three.retract("B", "a test")
+    statements.clear()
+    assert [one.burst.burst_id for one in three.bursts(BurstQuery(sort="-start", with_retracted=True)).bursts] == list(
+        "CBA"
+    )
+    assert 1 < len(statements) <= 6
+
+
+def test_bursts_beyond_the_most_make_room(catalogue: Catalogue) -> None:
+    kept: queries.Summaries = Kept(2)
+    for name in "ABC":
+        catalogue.publish(publication(of=burst(name)))
+    for _ in range(2):
+        found = [queries.burst(catalogue._engine, name, kept).burst.burst_id for name in "ABC"]
+        assert found == ["A", "B", "C"]
+        assert len(kept._kept) == 2
+        assert len(queries.bursts(catalogue._engine, BurstQuery(), kept).bursts) == 3

@@ -102,11 +102,11 @@ def test_nothing_is_retracted_twice_and_nothing_that_is_not_there(catalogue: Cat
 
 def test_every_version_keeps_the_spectra_it_was_made_from(catalogue: Catalogue) -> None:
     for number in (1, 2):
-        one = burst(spectra_path=f"T3/spectra-{number}.zarr")
+        one = burst(spectra_path=f"T3/spectra-{number}.zarr.zip")
         catalogue.publish(publication(f"h{number}", of=one))
     new, old = catalogue.versions(BURST)
-    assert (old.spectra_path, new.spectra_path) == ("T3/spectra-1.zarr", "T3/spectra-2.zarr")
-    assert {"T3/spectra-1.zarr", "T3/spectra-2.zarr"} < catalogue.referenced_paths()
+    assert (old.spectra_path, new.spectra_path) == ("T3/spectra-1.zarr.zip", "T3/spectra-2.zarr.zip")
+    assert {"T3/spectra-1.zarr.zip", "T3/spectra-2.zarr.zip"} < catalogue.referenced_paths()
 
 
 def test_only_superseded_versions_are_pruned(catalogue: Catalogue) -> None:
@@ -114,9 +114,9 @@ def test_only_superseded_versions_are_pruned(catalogue: Catalogue) -> None:
     assert catalogue.prunable(second.created_utc) == ()
     later = second.created_utc.replace(year=second.created_utc.year + 1)
     assert [one.solution_id for one in catalogue.prunable(later)] == [first.solution_id]
-    catalogue.note_pruned(first.solution_id, "T3/without-draws.zarr", "12" * 32)
+    catalogue.note_pruned(first.solution_id, "T3/without-draws.zarr.zip", "12" * 32)
     pruned = catalogue.solution(first.solution_id)
-    assert (pruned.store_path, pruned.store_sha256) == ("T3/without-draws.zarr", "12" * 32)
+    assert (pruned.store_path, pruned.store_sha256) == ("T3/without-draws.zarr.zip", "12" * 32)
     assert pruned.pruned_utc is not None
     assert catalogue.prunable(later) == ()
     assert first.store_path not in catalogue.referenced_paths()

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from bella.containers import utc_of_cdf_epoch, utc_of_tt2000
+from bella.containers import utc_of_cdf_epoch, utc_of_cdf_epoch16, utc_of_tt2000
 
 SECOND = np.timedelta64(10**9, "ns")
 
@@ -34,3 +34,15 @@ def test_cdf_epoch_knows_no_leap_seconds() -> None:
 def test_a_fill_value_is_no_time() -> None:
     assert np.isnat(utc_of_tt2000(np.array([np.iinfo(np.int64).min]))).all()
     assert np.isnat(utc_of_cdf_epoch(np.array([-1e31, np.nan, 0.0]))).all()
+
+
+def test_cdf_epoch16_has_nanoseconds() -> None:
+    # of 2020-07-11 00:00:30.123456789, by compute_epoch16 of cdflib
+    read = utc_of_cdf_epoch16(np.array([63_761_644_830.0 + 123_456_789_000.0j]))
+
+    assert str(read[0]) == "2020-07-11T00:00:30.123456789"
+
+
+@pytest.mark.parametrize("stored", [-1e31 - 1e31j, 0.0 + 0.0j, 63_761_644_830.0 + 1e12j, 63_761_644_830.5 + 0.0j])
+def test_what_no_clock_shows_is_no_time(stored: complex) -> None:
+    assert np.isnat(utc_of_cdf_epoch16(np.array([stored]))).all()

@@ -5,6 +5,7 @@ import io
 import json
 import math
 import string
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -57,6 +58,41 @@ def test_all_formats_hold_the_same_numbers(table: RecordTable) -> None:
     for name in READERS:
         written = FORMATS[name].write(table)
         assert_same(table.in_time() if name == "cdf" else table, read_back(name, written, table.schema), name)
+
+
+STREAMED = [name for name, one in FORMATS.items() if one.pieces]
+
+
+@settings(max_examples=8)
+@given(tables(), st.lists(st.integers(0, 4), max_size=3))
+def test_pieces_are_the_whole_table(table: RecordTable, cuts: list[int]) -> None:
+    """Cut anywhere, also into parts without rows."""
+    ends = [0, *sorted(min(cut, len(table)) for cut in cuts), len(table)]
+    parts = [table.take(np.arange(*between)) for between in pairwise(ends)]
+    for name in STREAMED:
+        written = b"".join(FORMATS[name].write_pieces(table.schema, table.header, parts))
+        assert_same(table, read_back(name, written, table.schema), name)
+        assert b"apparent" in written, name
+
+
+@pytest.mark.parametrize("name", STREAMED)
+def test_no_pieces_are_a_table_without_rows(name: str) -> None:
+    written = b"".join(FORMATS[name].write_pieces(DETECTIONS, {}, []))
+    found = read_back(name, written, DETECTIONS)
+    assert {column: len(values) for column, values in found.items()} == dict.fromkeys(DETECTIONS.names, 0)
+
+
+def test_parquet_has_large_groups_of_rows(detections: RecordTable, monkeypatch: pytest.MonkeyPatch) -> None:
+    pq = pytest.importorskip("pyarrow.parquet")
+    monkeypatch.setattr("bella.formats.binary.GROUP_ROWS", 2 * len(detections))
+
+    pieces = list(FORMATS["parquet"].write_pieces(DETECTIONS, {}, iter([detections] * 5)))
+
+    file = pq.ParquetFile(io.BytesIO(b"".join(pieces)))
+    assert [file.metadata.row_group(one).num_rows for one in range(3)] == [
+        count * len(detections) for count in (2, 2, 1)
+    ]
+    assert len(pieces) == 3
 
 
 @pytest.mark.parametrize("schema", SCHEMAS.values(), ids=lambda one: one.name)

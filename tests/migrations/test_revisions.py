@@ -185,7 +185,7 @@ def test_days_detections_sources_and_submissions_of_before_are_kept(engine: Engi
     statements = [
         day,
         *(detection.format(number) for number in (2, 5)),
-        burst.format("T3-20120607-1929", "'T3/spectra.zarr'"),
+        burst.format("T3-20120607-1929", "'T3/spectra.zarr.zip'"),
         burst.format("T3-20120607-2100", "NULL"),
         source.format(3, "WI_H1_WAV", "ab" * 32, "used", "", "NULL"),
         source.format(4, "arrival_table", "cd" * 32, "done", "", "'T3-20120607-2100'"),

@@ -16,8 +16,8 @@ from bella.settings import Settings
 from tests.catalogue.examples import publication
 from tests.catalogue.test_detections import received as detection
 from tests.pipeline.examples import files_of
-from tests.plotting.test_fleet import DAY, green
-from tests.plotting.test_fleet import day as spectrum
+from tests.plotting.test_days import DAY, green
+from tests.plotting.test_days import day as spectrum
 
 
 def received(name: str, start: pd.Timestamp) -> Any:

@@ -85,7 +85,7 @@ def test_a_full_disk_leaves_a_submission_waiting_and_the_next_run_finishes_it(sm
     with closing(Catalogue.open(settings.catalogue_url)) as catalogue:
         (burst,) = catalogue.bursts().bursts
         assert [one.version for one in burst.solutions] == [1]
-        assert all((settings.store_root / path).is_dir() for path in catalogue.referenced_paths())
+        assert all((settings.store_root / path).is_file() for path in catalogue.referenced_paths())
 
 
 def test_a_read_only_disk_leaves_a_submission_waiting(small_disk: Path) -> None:

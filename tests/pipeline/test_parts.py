@@ -33,13 +33,14 @@ from bella.flags import APPARENT_SOURCE
 from bella.multilateration import localise
 from bella.pipeline import progress
 from bella.pipeline.inputs import load_burst
-from bella.pipeline.publication import Draft, inputs_hash, publish, solution_flags
+from bella.pipeline.publication import PLACES, Draft, inputs_hash, publish, solution_flags
 from bella.pipeline.run import check_unchanged
 from bella.pipeline.surroundings import surroundings_of
 from bella.pipeline.tracks import Timing, attempted
 from bella.pipeline.workers import prepare
 from bella.records import Origin
 from bella.settings import Settings
+from bella.store import open_group
 from bella.tracks.spiral import track_fit
 from tests.pipeline.examples import built_in_event, whole_track
 
@@ -73,6 +74,28 @@ def test_inputs_hash_changes_with_everything_a_solution_depends_on(located: Any)
         inputs_hash(timing, sources, SERIES, Settings(draws=10)),
     }
     assert len(others | {same}) == 13
+
+
+def test_files_that_times_were_measured_in_count_in_place_of_the_times(located: Any) -> None:
+    sources, settings = built_in_event().sources, Settings()
+    timing = Timing(located, located, sources=sources)
+    later = located.assign(sigma_s=located["sigma_s"] + 1e-6)
+    same = inputs_hash(timing, (), SERIES, settings)
+    assert same == inputs_hash(Timing(later, later, sources=sources[::-1]), (), SERIES, settings)
+    near, moved = (located.assign(x_rsun=located["x_rsun"].round(PLACES) + by) for by in (0.004, 0.006))
+    assert inputs_hash(replace(timing, arrivals=near), (), SERIES, settings) == inputs_hash(
+        replace(timing, arrivals=located.assign(x_rsun=located["x_rsun"].round(PLACES))), (), SERIES, settings
+    )
+    fewer = located[located["observatory"] != located["observatory"].iloc[0]]
+    others = {
+        inputs_hash(replace(timing, sources=sources[1:]), (), SERIES, settings),
+        inputs_hash(replace(timing, arrivals=fewer), (), SERIES, settings),
+        inputs_hash(replace(timing, arrivals=moved), (), SERIES, settings),
+        inputs_hash(timing, sources, SERIES, settings),
+        inputs_hash(timing, (), replace(SERIES, edge="half_rise"), settings),
+        inputs_hash(timing, (), SERIES, Settings(seed=1)),
+    }
+    assert len(others | {same}) == 7
 
 
 def test_built_in_event_names_its_inputs() -> None:
@@ -128,7 +151,7 @@ def test_track_of_a_solution_holds_every_method_and_its_draws_reach_the_store(tm
         assert catalogue.track_fit(solution.solution_id) == json.loads(json.dumps(track))
         assert solution == catalogue.solution(solution.solution_id)
     assert set(track["joint"]["flags"]) <= set(solution.flags)
-    with xr.open_zarr(settings.store_root / solution.store_path, chunks=None) as group:
+    with open_group(settings.store_root, solution.store_path) as group:
         wind = group["joint_draws"].sel(joint_parameter="v_sw_km_s")
         assert wind.sizes == {"joint_draw": 500}
         assert float(wind.median()) == pytest.approx(track["joint"]["v_sw_km_s"]["q50"], rel=0.2)

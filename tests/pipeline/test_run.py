@@ -8,7 +8,8 @@ import signal
 import subprocess
 from contextlib import closing
 from dataclasses import dataclass
-from datetime import UTC, date, datetime
+from datetime import UTC, date, datetime, timedelta
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -19,8 +20,9 @@ from fastapi.testclient import TestClient
 from api.app import create_app
 from bella.bursts.timing import SHARED
 from bella.catalogue import BurstQuery, Catalogue, DetectionQuery
-from bella.pipeline.outcome import DayOutcome, UnfinishedError, check_finished
-from bella.pipeline.run import Direct, Run, process_days
+from bella.pipeline.day_files import DayFiles, Mirror
+from bella.pipeline.outcome import OVERTAKEN, DayOutcome, UnfinishedError, check_finished
+from bella.pipeline.run import Direct, Run, process_day, process_days
 from bella.pipeline.workers import Workers
 from bella.records import DayAnswer, Origin
 from bella.settings import COLLAPSED_FIGURE, Settings
@@ -31,7 +33,7 @@ from bella.simulation.instruments import instruments
 from benchmarks.detection import FLEET
 from tests.bursts.recorded import burst_at, sky
 from tests.commands import BELLA, Sandbox
-from tests.plotting.test_fleet import green, height
+from tests.plotting.test_days import green, height
 from tests.waiting import until
 
 DAY, SEED = date(2021, 2, 1), 1
@@ -186,13 +188,49 @@ def test_the_third_spacecraft_makes_it_final_under_the_same_id(refined: Refined)
                     assert 0.0 < track.preliminary.level < 1.0
             kept = catalogue.solution(first.solution_id).spectra_path
             assert kept is not None
-            assert (refined.settings.store_root / kept).is_dir(), "spectra of a version stay with it"
+            assert (refined.settings.store_root / kept).is_file(), "spectra of a version stay with it"
 
 
 def test_nothing_is_done_twice_and_a_figure_that_is_missing_is_drawn(refined: Refined) -> None:
     assert (refined.again.state, refined.again.answer) == ("nothing new", "not localisable")
     assert refined.heights[1] > 1.2 * refined.heights[0], "new spacecraft have panels"
     assert process(refined.settings, None).state == "nothing new"
+
+
+def test_files_of_the_next_day_make_no_new_version_of_bursts_that_do_not_reach_it(
+    refined: Refined, tmp_path: Path
+) -> None:
+    settings = refined.settings.model_copy(update={"home": tmp_path / "home"})
+    shutil.copytree(refined.settings.home, settings.home)
+    rng, following = np.random.default_rng(9), DAY + timedelta(days=1)
+    theirs = instruments("WI_H1_WAV", following)
+    write_spectra([observe_day(one, [sky(())], following, rng) for one in theirs], "WI_H1_WAV", following, tmp_path)
+    shutil.copytree(tmp_path / "pub", settings.mirror_root / "pub", dirs_exist_ok=True)
+    after = process(settings, None)
+    assert (after.state, after.observatories) == ("searched", refined.late.observatories)
+    known = {one.solution.solution_id for one in (*refined.late.localised, *refined.late.preliminary)}
+    assert {one.solution.solution_id for one in (*after.localised, *after.preliminary)} == known
+
+
+def test_a_day_that_is_overtaken_ends_after_its_step_and_is_not_recorded(archive: Path, tmp_path: Path) -> None:
+    settings = Settings(home=tmp_path / "home", in_situ=None, regions=None, draws=500)
+    shutil.copytree(archive / "pub", settings.mirror_root / "pub")
+    files, asked = Mirror(settings).day(DAY), []
+
+    def after(calls: int, files: DayFiles) -> bool:
+        asked.append(files.day)
+        return len(asked) > calls
+
+    for calls in (0, 1):
+        asked.clear()
+        run = Run(settings, "test", Workers(1, settings), is_overtaken=partial(after, calls))
+        assert process_day(files, (), run).state == OVERTAKEN
+        with closing(Catalogue.open(settings.catalogue_url)) as catalogue:
+            assert catalogue.searched_day(DAY, (Origin.SIMULATED,)) is None
+            found = catalogue.bursts(BurstQuery(origins=frozenset(Origin))).bursts
+            tracks = [catalogue.track_fit(each.solution_id) for one in found for each in one.solutions]
+        assert len(found) == calls * len(BURSTS)
+        assert all(track["companions_pending"] for track in tracks)
 
 
 def test_pages_of_a_preliminary_and_a_final_burst_are_served(refined: Refined) -> None:
@@ -230,7 +268,7 @@ def test_results_are_the_same_whatever_the_workers_and_after_one_was_killed(tmp_
     environment = sandbox.environment | {"BELLA_DRAWS": "500"}
     victim = subprocess.Popen([*command, "--direct"], env=environment, cwd=sandbox.elsewhere[0], start_new_session=True)
     store = sandbox.home / "store"
-    until(lambda: any(store.glob("SIM-*/*posterior*.zarr")) or victim.poll() is not None, pause_s=0.02)
+    until(lambda: any(store.glob("SIM-*/*posterior*.zarr.zip")) or victim.poll() is not None, pause_s=0.02)
     os.killpg(victim.pid, signal.SIGKILL)
     victim.wait()
     home = Settings(home=sandbox.home, in_situ=None, regions=None, draws=500)
@@ -248,7 +286,7 @@ def test_results_are_the_same_whatever_the_workers_and_after_one_was_killed(tmp_
     solutions = [one for key, one in found.items() if key not in {"day", "detections"}]
     assert {answer.tier for _, _, answer, *_ in solutions} == {"final", "preliminary"}
     with closing(Catalogue.open(home.catalogue_url)) as catalogue:
-        assert all((home.store_root / path).is_dir() for path in catalogue.referenced_paths())
+        assert all((home.store_root / path).is_file() for path in catalogue.referenced_paths())
     assert sandbox.files_elsewhere() == []
 
 

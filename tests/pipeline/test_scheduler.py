@@ -16,7 +16,9 @@ import pytest
 from bella.exceptions import InputError, NoDataError, WorkerLostError
 from bella.pipeline import scheduler
 from bella.pipeline.workers import Workers
+from bella.records import DayAnswer
 from bella.settings import Settings
+from tests.pipeline.test_run import archive_of, contents, process
 from tests.pipeline.test_workers import refuse, square
 
 LIMIT_S = 240.0
@@ -134,3 +136,16 @@ def test_a_home_that_workers_cannot_find_is_refused(monkeypatch: pytest.MonkeyPa
         pytest.raises(InputError, match="must be absolute"),
     ):
         workers.call(square, 2)
+
+
+def test_a_day_is_the_same_to_the_bit_by_workers_of_dask_and_without(cluster: Cluster, tmp_path: Path) -> None:
+    """One burst is localised, the other has a preliminary track: all that is sent to workers, and back."""
+    archive = archive_of(tmp_path / "archive", 1)
+    cluster.add_worker("--nthreads", "1", "--nworkers", "2")
+    found = []
+    for name, address in (("alone", ""), ("dask", cluster.address)):
+        settings = Settings(home=tmp_path / name, dask=address, in_situ=None, regions=None, draws=200)
+        assert process(settings, archive, 2 if address else 1).answer is DayAnswer.LOCALISED
+        found.append(contents(settings))
+    assert found[0] == found[1]
+    assert len(found[0]) > 3

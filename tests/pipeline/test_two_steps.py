@@ -12,7 +12,7 @@ import pytest
 from bella.answer import answer_of, read_track
 from bella.catalogue import Catalogue, Solution
 from bella.exceptions import BusyError
-from bella.pipeline.burst import Begun, BurstOutcome, Choice, begin_burst, finish_burst, process_burst
+from bella.pipeline.burst import Begun, BurstOutcome, Choice, begin_burst, continue_burst, process_burst
 from bella.pipeline.housekeeping import sweep_store
 from bella.pipeline.inputs import BurstInput
 from bella.settings import Settings
@@ -48,6 +48,12 @@ def begun_at(given: BurstInput, settings: Settings) -> Begun:
     return begun
 
 
+def finished(done: Begun | BurstOutcome, settings: Settings) -> BurstOutcome:
+    while isinstance(done, Begun):
+        done = continue_burst(done, settings, "first")
+    return done
+
+
 def tracks(settings: Settings) -> dict[str, tuple[Solution, dict[str, Any]]]:
     with closing(Catalogue.open(settings.catalogue_url)) as catalogue:
         (burst,) = catalogue.bursts().bursts
@@ -62,7 +68,7 @@ def whole(
     settings = settings_of(tmp_path_factory.mktemp("whole"))
     begun = begun_at(given, settings)
     early = tracks(settings)
-    assert [one.solution.series.edge for one in finish_burst(begun, settings, "first").outcomes] == [FIRST, SECOND]
+    assert [one.solution.series.edge for one in finished(begun, settings).outcomes] == [FIRST, SECOND]
     return settings, early, tracks(settings)
 
 
@@ -120,11 +126,12 @@ def test_a_burst_that_no_edge_places_says_why_and_publishes_nothing(given: Burst
 
 def test_a_sweep_between_the_steps_spares_what_a_live_run_works_on(tmp_path: Path) -> None:
     settings = settings_of(tmp_path).model_copy(update={"lease_s": 0.05})
-    group = settings.store_root / "T3-1" / "half_rise.zarr"
-    group.mkdir(parents=True)
+    group = settings.store_root / "T3-1" / "half_rise.zarr.zip"
+    group.parent.mkdir(parents=True)
+    group.touch()
     with closing(Catalogue.open(settings.catalogue_url, create=True)) as catalogue:
         with catalogue.lease("localise", "T3-1", "slow", 60.0):
             until(lambda: age_s(group, time.time()) > settings.lease_s)
             assert sweep_store(catalogue, settings, "housekeeping") == []
-        assert group.is_dir()
-        assert sweep_store(catalogue, settings, "housekeeping") == ["T3-1/half_rise.zarr"]
+        assert group.is_file()
+        assert sweep_store(catalogue, settings, "housekeeping") == ["T3-1/half_rise.zarr.zip"]

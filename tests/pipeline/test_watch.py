@@ -16,7 +16,7 @@ from bella.catalogue import Catalogue, SearchedDay
 from bella.exceptions import BellaError, InputError
 from bella.pipeline import watch as room
 from bella.pipeline.day import KnownBurst
-from bella.pipeline.day_files import DayFiles
+from bella.pipeline.day_files import DayFiles, Mirror
 from bella.pipeline.outcome import FAILED, SEARCHED, DayOutcome
 from bella.pipeline.run import Run
 from bella.pipeline.watch import Watch, folder_times, watch_days
@@ -36,6 +36,7 @@ class Noted:
 
     def __init__(self, state: str = SEARCHED, error: BellaError | None = None) -> None:
         self.days: list[date] = []
+        self.runs: list[Run] = []
         self.running: dict[date, Future[DayOutcome]] = {}
         self.state, self.error = state, error
 
@@ -45,6 +46,7 @@ class Noted:
     def submit(self, files: DayFiles, known: Sequence[KnownBurst], run: Run) -> "Future[DayOutcome]":
         assert known == ()
         self.days.append(files.day)
+        self.runs.append(run)
         future: Future[DayOutcome] = Future()
         if self.state == RUNNING:
             self.running[files.day] = future
@@ -145,6 +147,23 @@ def test_a_day_with_newer_files_than_all_that_are_processed_does_not_wait_for_th
     assert not watch.is_busy
     watch.step(TODAY)
     assert executor.days[3:] == [TODAY - 3 * DAY], "its file was replaced while it was processed"
+
+
+def test_a_day_is_overtaken_by_newer_files_of_its_own_alone(tmp_path: Path) -> None:
+    settings, executor = settings_of(tmp_path), Noted(RUNNING)
+    watch = Watch(run_of(settings), executor)
+    arrive(settings, TODAY - 4 * DAY)
+    watch.step(TODAY)
+    files = Mirror(settings).day(TODAY - 4 * DAY)
+    (run,) = executor.runs
+    assert not run.is_overtaken(files)
+    arrive(settings, TODAY - 3 * DAY, 2)
+    watch.step(TODAY)
+    assert TODAY - 4 * DAY in watch._waiting, "the file of its neighbour is one of its own, too"
+    assert not run.is_overtaken(files)
+    arrive(settings, TODAY - 4 * DAY, 1)
+    watch.step(TODAY)
+    assert run.is_overtaken(files)
 
 
 def test_older_days_wait_until_a_worker_is_free(tmp_path: Path) -> None:

@@ -1,6 +1,7 @@
 """A burst with a known track: posteriors that are Gaussian blobs along a line, and spectra with the burst in them."""
 
 import numpy as np
+import pandas as pd
 import xarray as xr
 
 from bella.heliosphere import spiral_longitude_deg
@@ -248,6 +249,18 @@ def synthetic_spectra() -> xr.DataTree:
             attrs={"observatory": name, "receiver": "synthetic", "quantity": "relative_flux", "integration_s": cadence},
         )
     return xr.DataTree.from_dict({f"/{name}": child for name, child in children.items()})
+
+
+def synthetic_samples() -> pd.DataFrame:
+    """Light curves of two spacecraft on a shared profile, at the ends of a band; the last one is out of sight."""
+    widths = np.array([-1.0, 0.0, 1.0, 9.0])
+    rows = [
+        {"observatory": name, "frequency_mhz": mhz, "widths": w, "height": 0.5 + 0.3 * w, "fitted": 0.5 + 0.3 * w - off}
+        for name, off in (("WIND", 0.0), ("STEREO-A", 0.1))
+        for mhz in (0.2, 4.0)
+        for w in widths
+    ]
+    return pd.DataFrame(rows)
 
 
 def _ellipses(mean: np.ndarray, root: np.ndarray, factor: float) -> np.ndarray:

@@ -1,19 +1,16 @@
-"""The P-P figure: a panel for each stratum, its curves against the band, and a file small enough to keep."""
+"""The P-P figure: a panel for each stratum, its curves against the band."""
 
-from pathlib import Path
-
-import matplotlib.image
 import numpy as np
 import pytest
-from matplotlib.axes import Axes
-from matplotlib.figure import Figure
 
 from bella.calibration.ranks import simultaneous_band
-from bella.plotting import calibration, write_calibration_png
-from bella.plotting.calibration import CURVES, POINTS, Panel
+from bella.plotting import calibration_figure
+from bella.plotting.calibration import CURVES, PANEL_HEIGHT, POINTS, TOP, Panel
+from tests.plotting.reading import of_class, parsed, points, texts
 
 PROBABILITY = np.arange(1, POINTS + 1) / POINTS
 BAND = simultaneous_band(200, POINTS)
+MIDDLE = TOP + PANEL_HEIGHT / 2
 
 
 def panel(title: str, *names: str, declared: bool = True) -> Panel:
@@ -21,36 +18,35 @@ def panel(title: str, *names: str, declared: bool = True) -> Panel:
     return Panel(title, curves, BAND, declared)
 
 
-def drawn(monkeypatch: pytest.MonkeyPatch, path: Path, *panels: Panel) -> list[Axes]:
-    kept: list[Figure] = []
-    save = calibration.save_png
-
-    def _keep(figure: Figure, path: Path, *, colours: int) -> None:
-        kept.append(figure)
-        save(figure, path, colours=colours)
-
-    monkeypatch.setattr(calibration, "save_png", _keep)
-    write_calibration_png(path, panels)
-    return kept[0].axes
-
-
-def test_a_panel_shows_its_curves_less_the_diagonal(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    axes = drawn(monkeypatch, tmp_path / "one.png", panel("wide", "x", "density"))[0]
-    lines = {str(line.get_label()): line for line in axes.get_lines()}
-    assert list(lines) == ["x", "density"]
-    assert np.allclose(np.asarray(lines["x"].get_ydata()), 0)
-    assert np.allclose(np.asarray(lines["density"].get_ydata()), PROBABILITY**1.1 - PROBABILITY)
-    low, high = axes.get_ylim()
-    assert low == pytest.approx(-high)
+def test_a_panel_shows_its_curves_less_the_diagonal() -> None:
+    root = parsed(calibration_figure([panel("wide", "x", "density")]))
+    level, below = (points(of_class(root, f"pp {name}")[0]) for name in ("x", "density"))
+    np.testing.assert_allclose(level[:, 1], MIDDLE, atol=0.1)
+    lowest = int(np.argmin(PROBABILITY**1.1 - PROBABILITY))
+    assert np.argmax(below[:, 1]) == pytest.approx(lowest, abs=8)
+    assert below[:, 1].min() >= MIDDLE - 0.1
+    band = points(of_class(root, "pp-band")[0])
+    low, high = band[:, 1].max(), band[:, 1].min()
+    assert low - MIDDLE == pytest.approx(MIDDLE - high, rel=0.1)
+    share = (MIDDLE - high) / (below[:, 1].max() - MIDDLE)
+    expected = float((BAND[1] - PROBABILITY).max()) / float((PROBABILITY - PROBABILITY**1.1).max())
+    assert share == pytest.approx(expected, rel=0.05)
+    assert texts(root, "tick")[-2:] == ["x", "density"]
 
 
-def test_every_stratum_has_a_panel_and_departures_another_colour(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_every_stratum_has_a_panel_and_departures_another_colour() -> None:
     panels = [panel(f"case {i}", *CURVES, declared=i < 5) for i in range(7)]
-    axes = drawn(monkeypatch, tmp_path / "seven.png", *panels)
-    assert [one.get_title() for one in axes if one.axison] == [one.title for one in panels]
-    assert axes[0].title.get_color() != axes[6].title.get_color()
-    image = matplotlib.image.imread(tmp_path / "seven.png")
-    assert len(np.unique(image.reshape(-1, image.shape[-1]), axis=0)) <= calibration.COLOURS
-    assert (tmp_path / "seven.png").stat().st_size < 200_000
+    root = parsed(calibration_figure(panels))
+    assert texts(root, "panel-name") == [one.title for one in panels]
+    assert texts(root, "panel-name misfit") == ["case 5", "case 6"]
+    assert len(of_class(root, "pp-band")) == 7
+    places = [(float(one.get("x")), float(one.get("y"))) for one in of_class(root, "panel-name")]
+    assert places[5][0] == places[0][0]
+    assert places[5][1] > places[0][1]
+
+
+def test_a_case_that_the_model_does_not_know_has_room_for_its_departure() -> None:
+    off = Panel("off", {"x": PROBABILITY**4}, BAND, declared=False)
+    curve = points(of_class(parsed(calibration_figure([off])), "pp x")[0])
+    assert curve[:, 1].min() > TOP
+    assert curve[:, 1].max() < TOP + PANEL_HEIGHT

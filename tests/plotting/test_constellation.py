@@ -5,7 +5,7 @@ import pytest
 
 from bella.heliosphere import spiral_longitude_deg
 from bella.plotting import MapView, TrackView, constellation_figure, selected_regions, thumbnail
-from bella.plotting.ecliptic import SCALE_ROOM, SIZE
+from bella.plotting.constellation import SCALE_ROOM, SIZE
 from bella.records import Interval
 from bella.spacecraft import hee_to, position
 from bella.units import AU_RSUN

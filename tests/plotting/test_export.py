@@ -8,7 +8,17 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from bella.plotting import Caption, MapView, TrackView, constellation_figure, exported, origin_warning, write_figure
+from bella.exceptions import InputError
+from bella.plotting import (
+    Caption,
+    MapView,
+    TrackView,
+    constellation_figure,
+    exported,
+    kind_of,
+    origin_warning,
+    write_figure,
+)
 from bella.plotting.export import style_of
 from bella.plotting.svg import element, figure, figure_style
 from bella.records import Origin
@@ -110,3 +120,29 @@ def test_simulated_data_are_marked_across_the_figure() -> None:
         True,
         True,
     ]
+
+
+@pytest.mark.parametrize(("name", "begins"), [("f.svg", b"<svg "), ("f.png", b"\x89PNG"), ("f.PDF", b"%PDF-")])
+def test_a_file_is_of_the_kind_of_its_name_and_replaces_an_old_one_whole(
+    tmp_path: Path, name: str, begins: bytes
+) -> None:
+    path = tmp_path / "new" / name
+    path.parent.mkdir()
+    path.write_bytes(b"old")
+    write_figure(path, square(), CAPTION)
+    assert path.read_bytes().startswith(begins)
+    assert [entry.name for entry in path.parent.iterdir()] == [name]
+
+
+def test_a_failure_leaves_the_old_picture(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    path = tmp_path / "figure.png"
+    path.write_bytes(b"old")
+    monkeypatch.setattr("pathlib.Path.chmod", lambda *_, **__: 1 / 0)
+    with pytest.raises(ZeroDivisionError):
+        write_figure(path, square(), CAPTION)
+    assert [entry.read_bytes() for entry in tmp_path.iterdir()] == [b"old"]
+
+
+def test_a_name_of_another_kind_is_refused() -> None:
+    with pytest.raises(InputError, match="jpg ends with none of"):
+        kind_of(Path("figure.jpg"))

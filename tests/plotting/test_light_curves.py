@@ -1,25 +1,30 @@
 """Light curves with their edges: each in its place, and honest about what is missing."""
 
-from pathlib import Path
+from xml.etree import ElementTree as ET
 
-import matplotlib.image
 import numpy as np
 import pandas as pd
 import pytest
 import xarray as xr
-from matplotlib.axes import Axes
-from matplotlib.colors import to_hex
-from matplotlib.dates import date2num
-from matplotlib.figure import Figure
-from matplotlib.lines import Line2D
 
 from bella.bursts import spectrum_edges
 from bella.exceptions import InputError
-from bella.plotting import write_light_curves_png
-from bella.plotting.light_curves import _light_curves_figure
-from bella.plotting.palette import INK, track_style
-from bella.plotting.printed import FLAGGED
+from bella.plotting import light_curves_figure, shared_profile_figure
+from bella.plotting.light_curves import (
+    BEFORE_SHARE,
+    GAP_X,
+    GAP_Y,
+    LEFT,
+    PANEL_HEIGHT,
+    PANEL_WIDTH,
+    PROFILE_HEIGHT,
+    TOP,
+    steps,
+)
+from bella.plotting.svg import Scale
 from bella.simulation import Receiver, SimulatedBurst, observe
+from tests.plotting.reading import SVG, of_class, parsed, points, texts
+from tests.plotting.synthetic import synthetic_samples
 
 RELEASE = np.datetime64("2012-06-07T19:20:00", "ns")
 CHANNELS_MHZ = np.geomspace(0.2, 4.0, 30)
@@ -43,131 +48,171 @@ SPECTRA = observed()
 ARRIVALS = pd.concat([spectrum_edges(one, "half_maximum") for one in SPECTRA.values()], ignore_index=True)
 
 
-def panels(figure: Figure) -> np.ndarray:
-    return np.array(figure.axes).reshape(-1, 2)
+def drawn(table: pd.DataFrame = ARRIVALS, rows: list[float] | None = None, **spectra: xr.Dataset) -> ET.Element:
+    return parsed(light_curves_figure(SPECTRA | spectra, table, rows or ROWS_MHZ))
 
 
-def curves(axes: Axes) -> list[Line2D]:
-    return [line for line in axes.lines if line.get_drawstyle() == "steps-mid"]
+def lines(root: ET.Element) -> list[ET.Element]:
+    """Edges in their panels, not those of the key."""
+    return [one.find(f"{SVG}line") for one in root.findall(f"{SVG}g")]
 
 
-def edges(axes: Axes) -> list[Line2D]:
-    return [line for line in axes.lines if "edge" in str(line.get_label())]
-
-
-def words(axes: Axes) -> list[str]:
-    return [text.get_text() for text in axes.texts]
+def row_of(name: str, frequency_mhz: float, table: pd.DataFrame = ARRIVALS) -> pd.Series:
+    own = table[table["observatory"] == name]
+    return own.iloc[int(np.abs(np.log(own["frequency_mhz"] / frequency_mhz)).to_numpy().argmin())]
 
 
 def test_a_row_per_frequency_and_a_column_per_spacecraft() -> None:
-    places = panels(_light_curves_figure(SPECTRA, ARRIVALS, ROWS_MHZ))
-
-    assert places.shape == (2, 2)
-    assert [axes.get_title() for axes in places[0]] == ["WIND", "STEREO-A"]
-    assert [axes.get_ylabel() for axes in places[:, 0]] == ["2 MHz", "0.5 MHz"]
-    assert all(to_hex(curve.get_color()) == INK for axes in places.flat for curve in curves(axes))
+    root = drawn()
+    assert texts(root, "panel-name") == ["2 MHz", "0.5 MHz", "WIND", "STEREO-A"]
+    frames = [(float(one.get("x")), float(one.get("y"))) for one in of_class(root, "frame")]
+    across = [LEFT, LEFT + PANEL_WIDTH + GAP_X]
+    assert frames == [(x, y) for y in (TOP, TOP + PANEL_HEIGHT + GAP_Y) for x in across]
+    assert len(of_class(root, "light-curve")) == 4
 
 
 def test_the_light_curve_crosses_one_half_at_its_half_maximum_edge() -> None:
-    for axes in panels(_light_curves_figure(SPECTRA, ARRIVALS, ROWS_MHZ)).flat:
-        (curve,), (edge,) = curves(axes), edges(axes)
-        day, power = np.asarray(curve.get_xdata(), dtype=float), np.asarray(curve.get_ydata())
-        at_edge = np.interp(float(np.asarray(edge.get_xdata())[0]), day, power)
+    root = drawn()
+    for curve, edge, middle in zip(
+        of_class(root, "light-curve"), lines(root), of_class(root, "gridline dashed"), strict=True
+    ):
+        corners, x = points(curve), float(edge.get("x1"))
+        centres = corners.reshape(-1, 2, 2).mean(axis=1) if len(corners) % 2 == 0 else None
+        if centres is None:
+            centres = corners[1:].reshape(-1, 2, 2).mean(axis=1)
+        assert np.interp(x, centres[:, 0], centres[:, 1]) == pytest.approx(float(middle.get("y1")), abs=12.0)
+        assert corners[:, 1].min() == pytest.approx(float(edge.get("y1")) + PANEL_HEIGHT * 0.14 / 1.2, abs=0.2)
 
-        assert power.max() == pytest.approx(1.0)
-        assert at_edge == pytest.approx(0.5, abs=1e-3)
+
+def test_each_sample_lasts_from_half_way_to_half_way() -> None:
+    across, upward = Scale(0.0, 30.0, 0.0, 300.0), Scale(0.0, 1.0, 100.0, 0.0)
+    held = steps(np.array([0.0, 10.0, 20.0]), np.array([0.1, 0.5, 1.0]), across, upward)
+    np.testing.assert_allclose(held[:, 0], [0, 50, 50, 150, 150, 200])
+    np.testing.assert_allclose(held[:, 1], [90, 90, 50, 50, 0, 0])
 
 
 def test_samples_are_where_the_sweep_took_them() -> None:
-    axes = panels(_light_curves_figure(SPECTRA, ARRIVALS, [4.0]))[0, 1]
-    record = date2num(SPECTRA["STEREO-A"]["time"].to_numpy()[0])
-    late_s = (float(np.asarray(curves(axes)[0].get_xdata())[0]) - record) * 86400.0
-
-    assert late_s == pytest.approx(17.0, abs=0.01)
+    late = SPECTRA["STEREO-A"].copy()
+    late["sample_offset_s"] = ("frequency", np.full(30, 60.0))
+    early, moved = (
+        points(of_class(drawn(rows=[0.5], **{"STEREO-A": one}), "light-curve")[1])
+        for one in (late.assign(sample_offset_s=("frequency", np.full(30, 0.0))), late)
+    )
+    per_s = PANEL_WIDTH / (240.0 + 420.0 / 0.5)
+    first = [one[:, 0][one[:, 1] < one[:, 1].max() - 50][0] for one in (early, moved)]
+    assert first[1] - first[0] == pytest.approx(60.0 * per_s, abs=0.3)
 
 
 def test_the_band_is_one_sigma_to_either_side_and_the_text_says_so() -> None:
-    axes = panels(_light_curves_figure(SPECTRA, ARRIVALS, [0.5]))[0, 0]
-    (band,) = axes.patches
-    channel = CHANNELS_MHZ[int(np.abs(np.log(CHANNELS_MHZ / 0.5)).argmin())]
-    row = ARRIVALS[(ARRIVALS["observatory"] == "WIND") & np.isclose(ARRIVALS["frequency_mhz"], channel)].iloc[0]
-
-    assert row["sigma_s"] > 10.0
-    assert band.get_width() * 86400.0 == pytest.approx(2 * row["sigma_s"], abs=0.01)
-    assert words(axes) == [f"{row['arrival_utc'].round('s'):%H:%M:%S} ± {row['sigma_s']:.0f} s"]
+    root = drawn(rows=[0.5])
+    row, band, edge = row_of("WIND", 0.507), of_class(root, "sigma")[0], lines(root)[0]
+    per_s = PANEL_WIDTH / (240.0 + 420.0 / 0.5)
+    assert float(band.get("width")) == pytest.approx(2 * row["sigma_s"] * per_s, abs=0.2)
+    assert float(band.get("x")) + float(band.get("width")) / 2 == pytest.approx(float(edge.get("x1")), abs=0.2)
+    assert texts(root, "edge-said")[0] == f"{row['arrival_utc'].round('s'):%H:%M:%S} ± {row['sigma_s']:.0f} s"
 
 
-def test_panels_of_a_row_are_as_long_and_begin_as_much_before_their_edges() -> None:
-    for left, right in panels(_light_curves_figure(SPECTRA, ARRIVALS, ROWS_MHZ)):
-        before = [float(np.asarray(edges(axes)[0].get_xdata())[0]) - axes.get_xlim()[0] for axes in (left, right)]
+def test_panels_of_a_row_begin_as_much_before_their_edges() -> None:
+    for edge, frame in zip(lines(drawn()), of_class(drawn(), "frame"), strict=True):
+        assert float(edge.get("x1")) - float(frame.get("x")) == pytest.approx(BEFORE_SHARE * PANEL_WIDTH, abs=0.2)
 
-        assert np.ptp(left.get_xlim()) == pytest.approx(np.ptp(right.get_xlim()), rel=1e-6)
-        assert before[0] == pytest.approx(before[1], rel=1e-6)
-        assert len(left.get_xticks()) >= 3
+
+def test_times_of_the_axis_are_those_of_the_synthetic_samples() -> None:
+    root = drawn(rows=[0.5])
+    said = [(float(one.get("x")), one.text) for one in of_class(root, "tick") if ":" in (one.text or "")]
+    row, edge = row_of("WIND", 0.507), lines(root)[0]
+    per_s = PANEL_WIDTH / (240.0 + 420.0 / 0.5)
+    for x, text in said[:2]:
+        moment = pd.Timestamp(f"2012-06-07T{text}")
+        apart = (moment - row["arrival_utc"].tz_localize(None)).total_seconds()
+        assert x - float(edge.get("x1")) == pytest.approx(apart * per_s, abs=0.3)
+    assert texts(root, "axis-name") == ["Power over its maximum against UTC, 2012-06-07"]
 
 
 def test_flagged_edges_are_grey_and_named_and_every_definition_has_its_colour() -> None:
     other = ARRIVALS.assign(edge="gauss_hermite", flag="bad_arrival")
-    figure = _light_curves_figure(SPECTRA, pd.concat([ARRIVALS, other]), [0.5])
-    good, flagged = edges(panels(figure)[0, 0])
-    (legend,) = figure.legends
-
-    assert to_hex(good.get_color()) == track_style("half_maximum", 0).colour
-    assert (to_hex(flagged.get_color()), flagged.get_linestyle()) == (FLAGGED, "--")
-    assert words(panels(figure)[0, 0])[1].endswith("s, bad arrival")
-    assert [text.get_text() for text in legend.get_texts()] == ["Half-maximum edge", "Gauss-Hermite edge, flagged"]
+    root = drawn(pd.concat([ARRIVALS, other]), [0.5])
+    assert [one.get("class") for one in lines(root)[:2]] == ["edge edge-half_maximum", "edge flagged"]
+    assert texts(root, "edge-said")[1].endswith("s, bad arrival")
+    titles = [one.find(f"{SVG}title").text for one in root.findall(f"{SVG}g")]
+    assert titles[:2] == ["Half-maximum edge", "Gauss-Hermite edge, flagged"]
+    assert {"Half-maximum edge", "Gauss-Hermite edge"} <= set(texts(root, "tick"))
 
 
 def test_a_channel_without_an_edge_says_why_and_is_drawn_around_the_edge_of_the_others() -> None:
     lost = ARRIVALS.copy()
     at_wind = lost["observatory"] == "WIND"
     lost.loc[at_wind, ["arrival_utc", "sigma_s", "flag"]] = [pd.NaT, np.nan, "no_flank"]
-    left, right = panels(_light_curves_figure(SPECTRA, lost, [0.5]))[0]
-
-    assert edges(left) == []
-    assert words(left) == ["no flank"]
-    assert left.get_xlim() == pytest.approx(right.get_xlim())
+    root = drawn(lost, [0.5])
+    assert len(lines(root)) == 1
+    assert texts(root, "edge-said")[0] == "no flank"
+    ticks = [one.text for one in of_class(root, "tick") if ":" in (one.text or "")]
+    assert ticks[: len(ticks) // 2] == ticks[len(ticks) // 2 :]
 
 
 def test_what_a_spacecraft_does_not_receive_is_left_empty() -> None:
     known = SPECTRA["WIND"].assign(interpolated=("frequency", CHANNELS_MHZ > 1.0))
-    places = panels(_light_curves_figure(SPECTRA | {"WIND": known}, ARRIVALS, [2.0, 14.0]))
-
-    assert words(places[0, 0]) == ["no channel near 2 MHz"]
-    assert len(curves(places[0, 1])) == 1
-    assert [words(axes) for axes in places[1]] == [["no channel near 14 MHz"]] * 2
+    root = drawn(rows=[2.0, 14.0], WIND=known)
+    empty = [one for one in texts(root, "tick") if one.startswith("no channel")]
+    assert empty == ["no channel near 2 MHz", "no channel near 14 MHz", "no channel near 14 MHz"]
+    assert len(of_class(root, "light-curve")) == 1
 
 
 @pytest.mark.parametrize("case", ["no arrivals", "no data", "one spacecraft", "edges elsewhere"])
-def test_odd_input_is_drawn(tmp_path: Path, case: str) -> None:
-    given, table = dict(SPECTRA), ARRIVALS.copy()
+def test_odd_input_is_drawn(case: str) -> None:
+    given, table, curves = dict(SPECTRA), ARRIVALS.copy(), 4
     if case == "no arrivals":
         table = table.iloc[:0]
     elif case == "no data":
         given = {name: one.assign(intensity=one["intensity"] * np.nan) for name, one in given.items()}
+        curves = 0
     elif case == "one spacecraft":
-        given = {"WIND": given["WIND"]}
+        given, curves = {"WIND": given["WIND"]}, 2
     else:
         table["arrival_utc"] += pd.Timedelta(days=3)
-    write_light_curves_png(tmp_path / "new" / "curves.png", given, table, ROWS_MHZ)
-
-    assert [entry.name for entry in (tmp_path / "new").iterdir()] == ["curves.png"]
-    assert matplotlib.image.imread(tmp_path / "new" / "curves.png")[..., :3].min() < 0.3
-
-
-def test_without_an_edge_in_its_time_a_light_curve_is_drawn_around_its_maximum() -> None:
-    late = ARRIVALS.assign(arrival_utc=ARRIVALS["arrival_utc"] + pd.Timedelta(days=3))
-    for axes in panels(_light_curves_figure(SPECTRA, late, ROWS_MHZ)).flat:
-        (curve,) = curves(axes)
-        brightest = np.asarray(curve.get_xdata(), dtype=float)[int(np.asarray(curve.get_ydata()).argmax())]
-        assert axes.get_xlim()[0] < brightest < axes.get_xlim()[1]
+    root = parsed(light_curves_figure(given, table, ROWS_MHZ))
+    assert len(of_class(root, "light-curve")) == curves
+    assert texts(root, "tick").count("no data") == (4 if case == "no data" else 0)
+    for curve in of_class(root, "light-curve"):
+        assert np.ptp(points(curve)[:, 1]) > 50, "drawn around its maximum where no edge is in its time"
 
 
-def test_what_is_missing_is_named_and_leaves_no_file(tmp_path: Path) -> None:
+def test_what_is_missing_is_named() -> None:
     with pytest.raises(InputError, match="no light curve"):
-        write_light_curves_png(tmp_path / "curves.png", {}, ARRIVALS, ROWS_MHZ)
+        light_curves_figure({}, ARRIVALS, ROWS_MHZ)
     with pytest.raises(InputError, match="no light curve"):
-        write_light_curves_png(tmp_path / "curves.png", SPECTRA, ARRIVALS, [])
+        light_curves_figure(SPECTRA, ARRIVALS, [])
     with pytest.raises(InputError, match="arrival table has no column 'sigma_s'"):
-        write_light_curves_png(tmp_path / "curves.png", SPECTRA, ARRIVALS.drop(columns="sigma_s"), ROWS_MHZ)
-    assert list(tmp_path.iterdir()) == []
+        light_curves_figure(SPECTRA, ARRIVALS.drop(columns="sigma_s"), ROWS_MHZ)
+
+
+def placed(path: ET.Element) -> np.ndarray:
+    """Where the marks of a path begin."""
+    return np.array(
+        [[float(n) for n in one.split("h")[0].split("m")[0].split()] for one in path.get("d").split("M")[1:]]
+    )
+
+
+def test_samples_are_in_the_band_of_their_frequency_and_their_residuals_below() -> None:
+    root = parsed(shared_profile_figure(synthetic_samples()))
+    assert len(texts(root, "panel-name")) == 4
+    paths = [one for one in of_class(root, "samples s0")[:-1] if one.get("d")]
+    assert len(paths) == 4  # the highest and the lowest band, height and residual
+    high, residual = placed(paths[0]), placed(paths[1])
+    assert len(high) == 3, "what is outside of the panel is left out"
+    assert (high[:, 0] < LEFT + PANEL_WIDTH).all()
+    assert (placed(paths[2])[:, 0] > LEFT + 3 * PANEL_WIDTH).all()
+    middle = LEFT + PANEL_WIDTH * 4.0 / 7.5
+    assert high[1, 0] == pytest.approx(middle, abs=0.1)
+    assert high[0, 1] > high[1, 1] > high[2, 1]
+    assert (high[:, 1] < TOP + PROFILE_HEIGHT).all()
+    assert np.ptp(residual[:, 1]) < 0.11
+    off = placed(next(one for one in of_class(root, "samples s1")[1:] if one.get("d")))
+    assert off[0, 1] < residual[0, 1], "above the profile is up"
+
+
+def test_without_samples_there_is_no_profile() -> None:
+    with pytest.raises(InputError, match="fit a shared profile first"):
+        shared_profile_figure(synthetic_samples().iloc[:0])
+    with pytest.raises(InputError, match="no column 'widths'"):
+        shared_profile_figure(synthetic_samples().drop(columns="widths"))

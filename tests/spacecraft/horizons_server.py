@@ -13,6 +13,7 @@ from bella.spacecraft.horizons import HORIZONS_IDS
 
 SIGNATURE = "API VERSION: 1.2\nAPI SOURCE: NASA/JPL Horizons API\n\n"
 STARS = "*" * 79
+PATH, MOVED = "/api/horizons.api", "/moved/horizons.api"
 TDB_MINUS_UTC = np.timedelta64(69_184, "ms")
 
 Answer = Callable[[dict[str, str]], tuple[int, str]]
@@ -26,6 +27,11 @@ def horizons(answer: Answer) -> Iterator[tuple[str, list[dict[str, str]]]]:
     class Handler(BaseHTTPRequestHandler):
         def do_GET(self) -> None:
             query = {name: values[0].strip("'") for name, values in parse_qs(urlsplit(self.path).query).items()}
+            if urlsplit(self.path).path == MOVED:
+                self.send_response(302)
+                self.send_header("Location", self.path.replace(MOVED, PATH))
+                self.end_headers()
+                return
             queries.append(query)
             status, text = answer(query)
             self.send_response(status)
@@ -38,7 +44,7 @@ def horizons(answer: Answer) -> Iterator[tuple[str, list[dict[str, str]]]]:
     server = ThreadingHTTPServer(("127.0.0.1", 0), Handler)
     threading.Thread(target=server.serve_forever, args=(0.01,), daemon=True).start()
     try:
-        yield f"http://127.0.0.1:{server.server_port}/api/horizons.api", queries
+        yield f"http://127.0.0.1:{server.server_port}{PATH}", queries
     finally:
         server.shutdown()
         server.server_close()

@@ -16,7 +16,7 @@ from bella.spacecraft.encode import REFERENCE_UTC
 from bella.spacecraft.ephemeris import _ecliptic_km, packaged_coverage
 from bella.spacecraft.horizons import fetch_orbit, parse_vectors, vectors_query
 from bella.spacecraft.update import extend_table
-from tests.spacecraft.horizons_server import SIGNATURE, Answer, continued_km, horizons, vectors
+from tests.spacecraft.horizons_server import MOVED, PATH, SIGNATURE, Answer, continued_km, horizons, vectors
 
 RECORDED = (Path(__file__).parent / "horizons_earth.txt").read_text()
 START, STOP = (np.datetime64(t, "ns") for t in ("2026-08-16", "2026-11-01"))
@@ -158,6 +158,12 @@ def test_a_body_the_service_does_not_know_is_told() -> None:
     with horizons(lambda _: (200, f"{SIGNATURE}No matches found.\n")) as (url, _), pytest.raises(NoDataError) as error:
         fetch_orbit(url, "PSP", START, STOP)
     assert "Horizons on PSP: No matches found." in str(error.value)
+
+
+def test_a_service_that_has_moved_is_followed() -> None:
+    with horizons(vectors) as (url, queries):
+        fetch_orbit(url.replace(PATH, MOVED), "PSP", START, STOP)
+    assert len(queries) == 1
 
 
 def test_an_address_that_is_none_is_refused() -> None:

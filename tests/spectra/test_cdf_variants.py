@@ -23,6 +23,7 @@ RECORDS, CHANNELS = 120, 24
 UTC = np.datetime64("2020-07-11T00:00:30", "ns") + np.arange(RECORDS) * 60 * SECOND
 RANDOM = np.random.default_rng(2020)
 EPOCHS = (31, 33)
+EPOCH16, REAL8 = 32, 45
 
 
 @dataclass(frozen=True)
@@ -57,6 +58,10 @@ def contents_of(path: Path) -> Contents:
 
 def write(path: Path, contents: Contents, **spec: Any) -> Path:
     path.unlink(missing_ok=True)
+    contents, as_pairs = {**contents}, [name for name, one in contents.items() if one.kind == EPOCH16 and not one.spec]
+    for name in as_pairs:
+        pairs = np.stack([contents[name].values.real, contents[name].values.imag], axis=1)
+        contents[name] = replace(contents[name], kind=REAL8, values=pairs, attributes={})
     file = CDF(str(path), cdf_spec={"Compressed": 0, **spec})
     file.write_globalattrs({"Logical_file_id": {0: path.stem}})
     for name, one in contents.items():
@@ -70,7 +75,21 @@ def write(path: Path, contents: Contents, **spec: Any) -> Path:
         data = values if one.written is None else [one.written, values[one.written]]
         file.write_var(about, var_attrs=attributes, var_data=data)
     file.close()
+    for name in as_pairs:
+        call_epoch16(path, name)
     return path
+
+
+def call_epoch16(path: Path, name: str) -> None:
+    """Make the type of a variable, written as pairs of numbers, CDF_EPOCH16, which cdflib cannot write.
+
+    Places are those of a zVDR (CDF Internal Format Description, 2.6): type, no pad value, no dimensions.
+    """
+    content = bytearray(path.read_bytes())
+    place = content.index(name.encode().ljust(256, b"\0"))
+    for offset, value in ((-64, EPOCH16), (-40, 1), (256, 0)):
+        struct.pack_into(">i", content, place + offset, value)
+    path.write_bytes(content)
 
 
 def changed(contents: Contents, like: Callable[[str, Stored], bool], how: Callable[[Stored], Stored]) -> Contents:
@@ -138,6 +157,27 @@ def as_cdf_epoch(contents: Contents) -> Contents:
     return changed(contents, is_epoch, convert)
 
 
+def as_cdf_epoch16(contents: Contents) -> Contents:
+    """Seconds and picoseconds, which cdflib reads and writes as complex numbers."""
+
+    def convert(one: Stored) -> Stored:
+        utc = cdflib.cdfepoch.to_datetime(one.values).astype("datetime64[ns]")
+        second = utc.astype("datetime64[s]")
+        seconds = af.cdf_epoch(second.astype("datetime64[ns]")) / 1e3
+        picoseconds = (utc - second).astype(np.int64) * 1e3
+        return replace(one, kind=EPOCH16, values=seconds + 1j * picoseconds, attributes={"FILLVAL": -1e31 - 1e31j})
+
+    return changed(contents, is_epoch, convert)
+
+
+def as_cdflib_writes_epoch16(contents: Contents) -> Contents:
+    """Two records of each time, one of seconds and one of picoseconds."""
+    return {
+        name: replace(one, spec={"Dim_Sizes": []}) if one.kind == EPOCH16 else one
+        for name, one in as_cdf_epoch16(contents).items()
+    }
+
+
 def renamed_epoch(contents: Contents) -> Contents:
     """The epoch by another name, which only DEPEND_0 states, or nothing does."""
     return {("Time_Tags" if name == "Epoch" else name): one for name, one in contents.items()}
@@ -175,6 +215,8 @@ SAME: dict[str, Callable[[Contents], Contents]] = {
     "shuffled": ordered(RANDOM.permutation(RECORDS)),
     "twins": twins,
     "CDF_EPOCH": as_cdf_epoch,
+    "CDF_EPOCH16": as_cdf_epoch16,
+    "CDF_EPOCH16 of cdflib": as_cdflib_writes_epoch16,
     "epoch renamed": renamed_epoch,
     "lower case": lambda contents: {name.lower(): one for name, one in contents.items()},
     "blanks": lambda contents: {f"{name} ": one for name, one in contents.items()},
@@ -341,6 +383,148 @@ def test_one_record_whose_clock_jumped_is_left_out(tmp_path: Path, name: str, ho
     read, *_ = open_spectra(write(path, changed(contents, is_epoch, jump)))
 
     np.testing.assert_allclose((read["time"] - np.delete(expected["time"].to_numpy(), 60)) / SECOND, 0.0, atol=1e-3)
+
+
+@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize("write_as", [as_cdf_epoch16, as_cdflib_writes_epoch16])
+def test_records_with_a_fill_value_of_epoch16_are_left_out(
+    tmp_path: Path, name: str, write_as: Callable[[Contents], Contents]
+) -> None:
+    path = original(tmp_path, name)
+    (expected, *_), contents = open_spectra(path), write_as(contents_of(path))
+
+    def filled(one: Stored) -> Stored:
+        values = one.values.copy()
+        values[60] = -1e31 - 1e31j
+        return replace(one, values=values)
+
+    changed_epoch = changed(contents, lambda _, one: one.kind == EPOCH16, filled)
+    read, *_ = open_spectra(write(path, changed_epoch))
+
+    np.testing.assert_array_equal(read["time"], np.delete(expected["time"].to_numpy(), 60))
+
+
+UNSTATED = [("wi_k0", 9999.0), ("wi_k0", 99999.0), *((name[:5], fill) for name in NAMES for fill in (-999.0, -9999.0))]
+
+
+@pytest.mark.parametrize(("product", "fill"), UNSTATED)
+def test_fill_values_that_no_file_states_are_no_data(tmp_path: Path, product: str, fill: float) -> None:
+    path = original(tmp_path, next(name for name in NAMES if name.startswith(product)))
+    contents = contents_of(path)
+
+    def filled(one: Stored) -> Stored:
+        values = one.values.copy()
+        values[40:50] = fill
+        return replace(one, values=values)
+
+    for one in open_spectra(write(path, changed(contents, is_intensity, filled))):
+        np.testing.assert_array_equal(
+            np.isnan(one["intensity"]).all("frequency"), (np.arange(RECORDS) >= 40) & (np.arange(RECORDS) < 50)
+        )
+        assert abs(one["time"].to_numpy()[0] - UTC[0]) < SECOND  # offsets of samples are filled, too
+
+
+@pytest.mark.parametrize("name", [NAMES[0], NAMES[2], NAMES[4], NAMES[5]])
+@pytest.mark.parametrize(
+    ("unit", "factor"), [("uV^2/Hz", 1e-12), ("nV**2 Hz-1", 1e-18), ("sfu", 1e-22), ("[Jy]", 1e-26)]
+)
+def test_intensity_is_converted_from_the_unit_that_is_stated(
+    tmp_path: Path, name: str, unit: str, factor: float
+) -> None:
+    path = original(tmp_path, name)
+    expected, contents = open_spectra(path), contents_of(path)
+    is_flux = expected[0].attrs["quantity"] == "flux_w_m2_hz"
+    by = factor if is_flux == (unit in {"sfu", "[Jy]"}) else 1.0
+
+    def convert(one: Stored) -> Stored:
+        return replace(one, values=one.values / np.float32(by), attributes=one.attributes | {"UNITS": unit})
+
+    contents = changed(contents, lambda key, one: is_intensity(key, one) and not key.startswith("ELAPSED"), convert)
+    for one, other in alike(open_spectra(write(path, contents)), expected):
+        np.testing.assert_allclose(one["intensity"], other["intensity"], rtol=1e-5)
+
+
+def test_a_unit_by_which_all_is_below_the_noise_is_not_theirs(tmp_path: Path) -> None:
+    path = original(tmp_path, NAMES[2])
+    expected, contents = open_spectra(path), contents_of(path)
+    contents = changed(contents, is_intensity, lambda one: replace(one, attributes=one.attributes | {"UNITS": "sfu"}))
+
+    for one, other in alike(open_spectra(write(path, contents)), expected):
+        np.testing.assert_array_equal(one["intensity"], other["intensity"])
+
+
+def test_whole_numbers_are_scaled_as_the_file_says(tmp_path: Path) -> None:
+    path = original(tmp_path, NAMES[1])
+    expected, contents = open_spectra(path), contents_of(path)
+
+    def packed(one: Stored) -> Stored:
+        attributes = {"SCALE_FACTOR": 0.01, "ADD_OFFSET": 3.0, "FILLVAL": -32768}
+        return replace(one, kind=2, values=np.rint((one.values - 3.0) * 100).astype("i2"), attributes=attributes)
+
+    for one, other in alike(open_spectra(write(path, changed(contents, is_intensity, packed))), expected):
+        np.testing.assert_allclose(one["intensity"], other["intensity"], atol=6e-3)
+
+
+@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize("count", [2, 9])
+def test_some_records_whose_clock_jumped_are_left_out(tmp_path: Path, name: str, count: int) -> None:
+    path = original(tmp_path, name)
+    (expected, *_), contents = open_spectra(path), as_cdf_epoch(contents_of(path))
+
+    def jump(one: Stored) -> Stored:
+        values = one.values.copy()
+        values[60 : 60 + count] += 9 * 3_600_000.0
+        return replace(one, values=values)
+
+    read, *_ = open_spectra(write(path, changed(contents, is_epoch, jump)))
+
+    kept = np.delete(expected["time"].to_numpy(), slice(60, 60 + count))
+    np.testing.assert_allclose((read["time"] - kept) / SECOND, 0.0, atol=1e-3)
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_a_clock_that_stands_still_is_refused(tmp_path: Path, name: str) -> None:
+    path = original(tmp_path, name)
+
+    def stand(one: Stored) -> Stored:
+        return replace(one, values=np.minimum(one.values, one.values[80]))
+
+    with pytest.raises(InputError, match="its clock stood still"):
+        open_spectra(write(path, changed(as_cdf_epoch(contents_of(path)), is_epoch, stand)))
+
+
+@pytest.mark.parametrize("lowest", [0.0, -1.0, np.nan])
+def test_a_channel_without_a_frequency_is_left_out(tmp_path: Path, lowest: float) -> None:
+    path = original(tmp_path, NAMES[2])
+    (expected,), contents = open_spectra(path), contents_of(path)
+    contents["FREQUENCY"].values[0] = lowest
+
+    (read,) = open_spectra(write(path, contents))
+
+    np.testing.assert_array_equal(read["frequency"], expected["frequency"][1:])
+    np.testing.assert_array_equal(read["intensity"], expected["intensity"][:, 1:])
+
+
+def test_logarithms_of_frequencies_are_refused(tmp_path: Path) -> None:
+    path = original(tmp_path, NAMES[2])
+    logarithms = changed(
+        contents_of(path),
+        is_frequency,
+        lambda one: replace(one, values=np.log10(one.values), attributes={"UNITS": "log10(Hz)"}),
+    )
+
+    with pytest.raises(InputError, match="holds logarithms"):
+        open_spectra(write(path, logarithms))
+
+
+def test_gzip_in_parts(tmp_path: Path) -> None:
+    path = original(tmp_path, NAMES[2])
+    (expected,), content = open_spectra(path), path.read_bytes()
+    path.write_bytes(gzip.compress(content[:3000]) + gzip.compress(content[3000:]))
+
+    (read,) = open_spectra(path)
+
+    assert read.identical(expected)
 
 
 # flags, sample times, positions

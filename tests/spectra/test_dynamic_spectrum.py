@@ -69,7 +69,7 @@ def test_a_missing_attribute_is_named(name: str) -> None:
         (spectrum().assign_coords(frequency=[0.0, 1.0, 1.5]), "from above zero"),
         (spectrum().assign_coords(frequency=[0.5, 1.0, np.nan]), "'frequency' does not ascend"),
         (spectrum().isel(time=[0]), "1 records of 3 channels"),
-        (spectrum().rename(intensity="flux"), "variable 'intensity'"),
+        (spectrum().rename(intensity="flux"), r"values 'intensity' \(one of flux\)"),
         (spectrum().assign(intensity=(("time", "frequency"), np.zeros((2, 3), dtype=int))), "int64: use float32"),
         (spectrum().transpose("frequency", "time"), "order them"),
         (spectrum().assign(sample_offset_s=("time", [0.0, 1.0])), "sample_offset_s"),

@@ -2,6 +2,7 @@
 
 from pathlib import Path
 
+import astropy.units as u
 import numpy as np
 import pytest
 from astropy.io import fits
@@ -29,6 +30,16 @@ def test_there_and_back() -> None:
     assert back.attrs["source_files"] == ["sta.cdf"]
     np.testing.assert_array_equal(back["intensity"], spectrum["intensity"])
     np.testing.assert_allclose((back["time"].to_numpy() - TIME) / np.timedelta64(1, "us"), 0.0, atol=1.0)
+
+
+@pytest.mark.parametrize("unit", [1.0, u.W])
+def test_what_is_masked_is_no_data(unit: float | u.Unit) -> None:
+    there = to_radiospectra(assemble(Origin("WIND", "RAD1", "flux_w_m2_hz", "x"), TIME, MHZ, FLUX))
+    there.data = np.ma.masked_less(there.data, np.median(FLUX)) if unit == 1.0 else there.data * unit
+
+    back = from_radiospectra(there, "flux_w_m2_hz")["intensity"].to_numpy()
+
+    np.testing.assert_array_equal(np.isnan(back), (np.median(FLUX) > FLUX) & (unit == 1.0))
 
 
 def callisto(path: Path) -> Path:

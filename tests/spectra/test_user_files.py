@@ -8,7 +8,7 @@ import pytest
 import xarray as xr
 
 from bella.exceptions import InputError
-from bella.spectra import fleet_pieces, open_spectra, sample_times, user_days
+from bella.spectra import as_spectrum, fleet_pieces, open_spectra, sample_times, user_days
 
 RANDOM = np.random.default_rng(20120607)
 SECOND = np.timedelta64(10**9, "ns")
@@ -52,6 +52,18 @@ def with_twin(one: xr.Dataset) -> xr.Dataset:
     return xr.concat([one.isel(time=slice(0, 20)), empty, one.isel(time=slice(20, None))], "time")
 
 
+def by_record(one: xr.Dataset, khz: np.ndarray) -> xr.Dataset:
+    """With frequencies of its own for every record, as readers of maser.data give it."""
+    indexed = one.drop_vars("frequency").rename_dims(frequency="freq_index")
+    return indexed.assign_coords(frequency=(("time", "freq_index"), khz, {"units": "kHz"}))
+
+
+def turned(one: xr.Dataset) -> xr.Dataset:
+    """With every other record from the highest frequency down."""
+    up, down = one.isel(time=slice(0, None, 2)), one.isel(time=slice(1, None, 2), freq_index=slice(None, None, -1))
+    return xr.concat([up, down], "time").sortby("time")
+
+
 SECONDS = (TIME - np.datetime64("2012-06-07")) / SECOND
 SAME: dict[str, Change] = {
     "hours": raw_times(SECONDS / 3600.0, units="hours since 2012-06-07"),
@@ -80,6 +92,9 @@ SAME: dict[str, Change] = {
     "variables": lambda one: one.rename_dims(time="x", frequency="y").reset_coords(),
     "attributes": lambda one: xr.Dataset(one.variables, attrs={k.upper(): v for k, v in one.attrs.items()}),
     "float64": intensity(DECIBEL.astype(np.float64)),
+    "frequencies of records": lambda one: by_record(one, np.tile(MHZ * 1e3, (200, 1))),
+    "frequencies first": lambda one: by_record(one, np.tile(MHZ * 1e3, (200, 1))).transpose("freq_index", "time"),
+    "frequencies that turn": lambda one: turned(by_record(one, np.tile(MHZ * 1e3, (200, 1)))),
 }
 
 
@@ -121,6 +136,8 @@ REFUSED: dict[str, tuple[Change, str]] = {
     "1876": (lambda one: one.assign_coords(time=one["time"] - np.timedelta64(136 * 365, "D")), "correct its times"),
     "metres": (frequencies(300.0 / MHZ, "m"), "is in 'm': convert it to MHz"),
     "kHz without unit": (frequencies(MHZ * 1e3, None), "reaches 12000 and has no unit"),
+    "Hz called kHz": (frequencies(MHZ * 1e6, "kHz"), "correct the unit"),
+    "values without a name": (lambda one: one.rename(intensity="flux"), "name its values 'intensity' (one of flux)"),
     "MHz called Hz": (frequencies(MHZ, "Hz"), "correct the unit"),
     "path": (lambda one: one.assign_attrs(observatory="../x"), "give a plain name"),
     "sample times far away": (
@@ -148,6 +165,25 @@ def test_times_are_held_against_the_day_of_the_name(tmp_path: Path, name: str, i
     else:
         with pytest.raises(InputError, match="named after 2011-06-07"):
             open_spectra(path)
+
+
+def test_samples_of_changing_frequencies_keep_their_times() -> None:
+    late = (np.arange(8) * 100).astype("timedelta64[ms]").astype("timedelta64[ns]")
+    one = by_record(spectrum(), np.tile(MHZ * 1e3, (200, 1)))
+    one["sample_time"] = (("time", "freq_index"), TIME[:, None] + late)
+
+    read = as_spectrum(turned(one), "x")
+
+    np.testing.assert_array_equal(read["sample_time"].to_numpy() - TIME[:, None], np.tile(late, (200, 1)))
+    assert "freq_index" not in read.dims
+
+
+def test_an_array_is_the_intensity() -> None:
+    one = spectrum()
+
+    read = as_spectrum(one["intensity"].rename("anything").assign_attrs(one.attrs), "x")
+
+    np.testing.assert_array_equal(read["intensity"], DECIBEL)
 
 
 @pytest.mark.parametrize("dims", [("time",), ("time", "frequency"), ("frequency", "time"), ("frequency",)])

@@ -324,3 +324,37 @@ def test_products_are_known_by_name(name: str, product: str, receiver: str) -> N
 
     assert found is not None
     assert (found[0].name, found[1]) == (product, receiver)
+
+
+def test_a_binary_of_another_receiver_is_refused(tmp_path: Path) -> None:
+    path = tmp_path / "wi_wa_rad2_l2_60s_20120607_v01.dat"
+    written.write_wind_60s(path, minutes("2012-06-07")[:9], np.geomspace(20, 1000, 32), np.ones((9, 32)), 2)
+
+    with pytest.raises(InputError, match=r"named after RAD2, but holds 0.02 to 1 MHz"):
+        open_spectra(path)
+
+
+def test_a_binary_that_ends_within_a_record_says_so(tmp_path: Path) -> None:
+    path = tmp_path / "wi_wa_rad1_l2_60s_20120607_v01.dat"
+    written.write_wind_60s(path, minutes("2012-06-07")[:9], np.geomspace(20, 1000, 32), np.ones((9, 32)), 2)
+    content = path.read_bytes()
+    for size in (1, 30, 200):
+        path.write_bytes(content[:-size])
+        with pytest.raises(InputError, match=r"it ends within a record"):
+            open_spectra(path)
+
+
+def test_a_list_of_the_lower_receiver_under_the_name_of_the_upper_is_refused(tmp_path: Path) -> None:
+    path = tmp_path / "swaves_average_20120607_a_hfr.dat"
+    written.write_stereo_text(path, np.geomspace(2.6, 153.4, 48), np.ones(48), np.ones((1440, 48)))
+
+    with pytest.raises(InputError, match=r"reaches 153\.4, which in no unit is near the 16 MHz"):
+        open_spectra(path)
+
+
+def test_a_save_set_whose_name_has_two_receivers_is_refused(tmp_path: Path) -> None:
+    path = tmp_path / "wind_waves_rad2_20120607.R1"
+    written.write_wind_idl(path, np.ones((1440, 256)), np.ones(256))
+
+    with pytest.raises(InputError, match="no known product"):
+        open_spectra(path)

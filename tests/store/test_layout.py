@@ -6,25 +6,25 @@ from pathlib import Path
 import pytest
 
 from bella.exceptions import NoDataError, StoreError
-from bella.store import group_file, open_group, place_group, stage_group, sweep
+from bella.store import file_of_group, open_group, place_group, stage_group, sweep, write_group
 from bella.store.layout import age_s
-from tests.store.examples import posterior
+from tests.store.examples import files_of, posterior
 from tests.store.test_roundtrip import NAME, published
 
 ESCAPES = [
-    "../outside.zarr",
-    "T3-1/../../outside.zarr",
-    "/etc/outside.zarr",
-    "T3-1/./a.zarr",
-    "T3-1//a.zarr",
-    ".staging/a.zarr",
-    "T3-1/.a.zarr",
+    "../outside.zarr.zip",
+    "T3-1/../../outside.zarr.zip",
+    "/etc/outside.zarr.zip",
+    "T3-1/./a.zarr.zip",
+    "T3-1//a.zarr.zip",
+    ".staging/a.zarr.zip",
+    "T3-1/.a.zarr.zip",
     "",
     ".",
     "T3-1/a",
-    "T3-1\\a.zarr",
-    "T3-1/a\0.zarr",
-    "T3-1/a b.zarr",
+    "T3-1\\a.zarr.zip",
+    "T3-1/a\0.zarr.zip",
+    "T3-1/a b.zarr.zip",
     "a.zarr/",
 ]
 
@@ -37,8 +37,8 @@ def test_no_path_leads_out_of_the_store(tmp_path: Path, path: str) -> None:
         place_group(staged, root, path)
     with pytest.raises(StoreError, match="is not a path of a group"):
         open_group(root, path)
-    with pytest.raises(NoDataError):
-        group_file(root, path, "zarr.json")
+    with pytest.raises(StoreError, match="is not a path of a group"):
+        file_of_group(root, path, "zarr.json")
     assert staged.exists()
 
 
@@ -59,24 +59,9 @@ def test_a_name_is_used_once(tmp_path: Path) -> None:
     assert second.exists()
 
 
-def test_a_name_that_is_taken_meanwhile_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    staged = stage_group(posterior(seed=2), tmp_path)
-    published(posterior(seed=1), tmp_path)
-    exists, asked = Path.exists, []
-
-    def blind_at_first(path: Path, **options: bool) -> bool:
-        asked.append(path)
-        return len(asked) > 1 and exists(path, **options)
-
-    monkeypatch.setattr(Path, "exists", blind_at_first)
-    with pytest.raises(StoreError, match="never replaced"):
-        place_group(staged, tmp_path, NAME)
-    assert open_group(tmp_path, NAME)["draws"].equals(posterior(seed=1)["draws"])
-
-
 def test_a_staged_group_that_is_gone_cannot_be_placed(tmp_path: Path) -> None:
     with pytest.raises(StoreError, match="could not be placed"):
-        place_group(tmp_path / ".staging" / "gone.zarr", tmp_path, NAME)
+        place_group(tmp_path / ".staging" / "gone.zarr.zip", tmp_path, NAME)
 
 
 def test_files_of_a_group_are_read_only_and_flushed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -89,9 +74,8 @@ def test_files_of_a_group_are_read_only_and_flushed(tmp_path: Path, monkeypatch:
 
     monkeypatch.setattr(os, "fsync", noting)
     staged = stage_group(posterior(), tmp_path)
-    inside = [staged, *staged.rglob("*")]
-    assert {str(one) for one in inside} <= flushed
-    assert {stat.S_IMODE(one.stat().st_mode) for one in inside if one.is_file()} == {0o444}
+    assert {str(staged), str(staged.parent)} <= flushed
+    assert stat.S_IMODE(staged.stat().st_mode) == 0o444
     flushed.clear()
     place_group(staged, tmp_path, NAME)
     assert {str(tmp_path), str((tmp_path / NAME).parent), str(staged.parent)} <= flushed
@@ -99,8 +83,10 @@ def test_files_of_a_group_are_read_only_and_flushed(tmp_path: Path, monkeypatch:
 
 def test_files_of_a_group_are_found_by_key(tmp_path: Path) -> None:
     published(posterior(), tmp_path)
-    assert group_file(tmp_path, NAME, "zarr.json") == tmp_path / NAME / "zarr.json"
-    assert group_file(tmp_path, NAME, "draws/c/0/0/0").stat().st_size > 0
+    assert files_of(tmp_path / NAME) == {key: file_of_group(tmp_path, NAME, key) for key in files_of(tmp_path / NAME)}
+    assert len(file_of_group(tmp_path, NAME, "draws/c/0/0/0")) > 0
+    with pytest.raises(StoreError, match="is not in the store"):
+        file_of_group(tmp_path, "T3-20120607-1929/absent.zarr.zip", "zarr.json")
 
 
 @pytest.mark.parametrize(
@@ -108,26 +94,25 @@ def test_files_of_a_group_are_found_by_key(tmp_path: Path) -> None:
 )
 def test_no_other_file_is_found(tmp_path: Path, key: str) -> None:
     published(posterior(), tmp_path)
-    published(posterior(), tmp_path, "T3-20120607-1929/other.zarr")
+    published(posterior(), tmp_path, "T3-20120607-1929/other.zarr.zip")
     (tmp_path / "secret").touch()
     with pytest.raises(NoDataError, match="begin with its zarr"):
-        group_file(tmp_path, NAME, key)
+        file_of_group(tmp_path, NAME, key)
 
 
 def age(group: Path, seconds: float) -> None:
     then = time.time() - seconds
-    for one in [*group.rglob("*"), group]:
-        os.utime(one, (then, then))
+    os.utime(group, (then, then))
 
 
 def test_only_orphans_are_swept(tmp_path: Path) -> None:
     published(posterior(), tmp_path)
-    published(posterior(), tmp_path, "T3-20120607-1929/orphan.zarr")
+    published(posterior(), tmp_path, "T3-20120607-1929/orphan.zarr.zip")
     staged = stage_group(posterior(), tmp_path)
     removed = sweep(tmp_path, {NAME}, older_than_s=0.0)
-    assert removed == [f".staging/{staged.name}", "T3-20120607-1929/orphan.zarr"]
+    assert removed == [f".staging/{staged.name}", "T3-20120607-1929/orphan.zarr.zip"]
     assert open_group(tmp_path, NAME)["draws"].shape == (5, 40, 4)
-    assert sorted(one.name for one in tmp_path.rglob("*.zarr")) == [Path(NAME).name]
+    assert sorted(one.name for one in tmp_path.rglob("*.zarr.zip")) == [Path(NAME).name]
     assert list((tmp_path / ".staging").iterdir()) == []
     assert sweep(tmp_path, {NAME}, older_than_s=0.0) == []
 
@@ -137,7 +122,7 @@ def test_what_a_live_writer_is_at_is_spared(tmp_path: Path) -> None:
     staged = stage_group(posterior(), tmp_path)
     assert sweep(tmp_path, set(), older_than_s=3600.0) == []
     age(staged, 7200.0)
-    (staged / "draws" / "c" / "being_written").touch()
+    staged.chmod(0o644)
     assert sweep(tmp_path, set(), older_than_s=3600.0) == []
 
 
@@ -170,11 +155,19 @@ def test_a_group_another_sweep_took_first_is_not_counted(tmp_path: Path, monkeyp
     assert sweep(tmp_path, set(), older_than_s=0.0) == []
 
 
+def test_folders_of_older_versions_that_nothing_refers_to_are_swept(tmp_path: Path) -> None:
+    for name in ("a", "b"):
+        (tmp_path / "T3-1").mkdir(exist_ok=True)
+        write_group(posterior(), tmp_path / "T3-1" / f"{name}.zarr")
+    assert sweep(tmp_path, {"T3-1/a.zarr"}, older_than_s=0.0) == ["T3-1/b.zarr"]
+    assert [one.name for one in (tmp_path / "T3-1").iterdir()] == ["a.zarr"]
+
+
 def test_what_a_live_run_works_on_is_spared_whatever_its_age(tmp_path: Path) -> None:
     published(posterior(), tmp_path)
-    published(posterior(), tmp_path, "T3-20130101-0000/orphan.zarr")
+    published(posterior(), tmp_path, "T3-20130101-0000/orphan.zarr.zip")
     removed = sweep(tmp_path, set(), older_than_s=0.0, in_use={"T3-20120607-1929"})
-    assert removed == ["T3-20130101-0000/orphan.zarr"]
+    assert removed == ["T3-20130101-0000/orphan.zarr.zip"]
     assert open_group(tmp_path, NAME)["draws"].shape == (5, 40, 4)
 
 

@@ -15,14 +15,16 @@ from bella.store import (
     content_sha256,
     open_group,
     open_tree,
+    packed_folder,
     place_group,
     rounded_draws,
     stage_group,
     verify_group,
+    write_group,
 )
-from tests.store.examples import posterior, spectra
+from tests.store.examples import files_of, posterior, spectra
 
-NAME = "T3-20120607-1929/half_maximum-posterior-default-2d-3f9c2a1b.zarr"
+NAME = "T3-20120607-1929/half_maximum-posterior-default-2d-3f9c2a1b.zarr.zip"
 
 
 def published(group: xr.Dataset | xr.DataTree, root: Path, name: str = NAME) -> str:
@@ -59,16 +61,16 @@ def test_spectra_come_back_the_same(root: Path) -> None:
 
 def test_metadata_are_written_without_spaces(root: Path) -> None:
     published(posterior(), root)
-    written = list((root / NAME).rglob("zarr.json"))
-    assert written
-    assert all("\n" not in one.read_text() for one in written)
+    written = [content for key, content in files_of(root / NAME).items() if key.endswith("zarr.json")]
+    assert len(written) == len(posterior().variables) + 1
+    assert all(b"\n" not in one for one in written)
 
 
 def test_plain_xarray_reads_it_without_a_word(root: Path) -> None:
     published(posterior(), root)
     with warnings.catch_warnings():
         warnings.simplefilter("error")
-        with xr.open_zarr(root / NAME, chunks=None) as found:
+        with xr.open_zarr(f"zip://::{root / NAME}", chunks=None) as found:
             xr.testing.assert_identical(found.load(), posterior())
             assert found["flags"].values[1] == "two_modes;speed_not_constrained"
             assert found["modes"].values[0] == 0
@@ -82,19 +84,17 @@ def test_writing_warns_of_nothing(root: Path) -> None:
         published(posterior(), root)
 
 
-def test_many_frequencies_are_few_files_and_one_is_read_alone(root: Path) -> None:
+def test_many_frequencies_are_few_chunks_and_one_is_read_alone(root: Path) -> None:
     published(posterior(frequencies=5), root)
     many = (
         posterior(frequencies=5)
         .isel(frequency=np.arange(200) % 5)
         .assign_coords(frequency=np.geomspace(0.15, 2.0, 200))
     )
-    published(many, root, "T3-20120607-1929/many.zarr")
-    few, more = (
-        sum(one.is_file() for one in (root / name).rglob("*")) for name in (NAME, "T3-20120607-1929/many.zarr")
-    )
+    published(many, root, "T3-20120607-1929/many.zarr.zip")
+    few, more = (len(files_of(root / name)) for name in (NAME, "T3-20120607-1929/many.zarr.zip"))
     assert few == more <= 2 * len(many.variables) + 1
-    draws = open_group(root, "T3-20120607-1929/many.zarr")["draws"]
+    draws = open_group(root, "T3-20120607-1929/many.zarr.zip")["draws"]
     assert draws.encoding["chunks"] == (1, 40, 1)
     assert draws.encoding["shards"] == (200, 40, 4)
     np.testing.assert_array_equal(draws[137], many["draws"][137])
@@ -112,7 +112,7 @@ def test_large_variables_stay_on_disk_until_they_are_used(root: Path, monkeypatc
 def test_the_checksum_does_not_depend_on_compression_or_chunks(root: Path, tmp_path: Path) -> None:
     sha256 = published(posterior(), root)
     text = {name: posterior()[name].astype(object) for name in ("flags", "parameter", "axis")}
-    other = tmp_path / "other.zarr"
+    other = tmp_path / "other.zarr.zip"
     encoding = {"draws": {"chunks": (2, 3, 4), "compressors": None}, "x_rsun": {"dtype": ">f8"}}
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
@@ -151,7 +151,7 @@ def test_rounding_leaves_what_does_not_scatter() -> None:
 
 def test_four_thousand_draws_of_forty_frequencies_fit_into_a_megabyte(root: Path) -> None:
     published(rounded_draws(scattered(np.ones((40, 4)) * [5, 5, 10, 1e-3])), root)
-    assert sum(one.stat().st_size for one in (root / NAME).rglob("*") if one.is_file()) < 1_000_000
+    assert (root / NAME).stat().st_size < 1_000_000
 
 
 def changes() -> dict[str, xr.Dataset]:
@@ -196,8 +196,8 @@ def test_any_numbers_and_text_come_back(
     group = xr.Dataset({"draws": (dims, values), "text": ("t", np.array([text, ""], dtype=object))}, attrs={"t": text})
     staged = stage_group(group, root)
     sha256 = verify_group(staged, group)
-    place_group(staged, root, "a.zarr")
-    found = open_group(root, "a.zarr", sha256)
+    place_group(staged, root, "a.zarr.zip")
+    found = open_group(root, "a.zarr.zip", sha256)
     assert found["draws"].dtype == values.dtype.newbyteorder("=")
     np.testing.assert_array_equal(found["draws"].values, values)
     assert found["text"].values.tolist() == [text, ""]
@@ -215,7 +215,30 @@ def test_what_cannot_be_written_leaves_nothing(root: Path) -> None:
     with pytest.raises(StoreError, match="could not be written") as caught:
         stage_group(posterior().assign_attrs(catalogue=object()), root)
     assert "\n" not in str(caught.value)
-    assert list(root.rglob("*.zarr")) == []
+    assert list((root / ".staging").iterdir()) == []
+
+
+def test_a_group_outside_a_store_is_a_folder_that_plain_xarray_opens(tmp_path: Path) -> None:
+    write_group(posterior(), tmp_path / "draws.zarr")
+    with xr.open_zarr(tmp_path / "draws.zarr", chunks=None) as found:
+        xr.testing.assert_identical(found.load(), posterior())
+    with pytest.raises(StoreError, match="is there already"):
+        write_group(posterior(seed=2), tmp_path / "draws.zarr")
+    with pytest.raises(StoreError, match="could not be written"):
+        write_group(posterior().assign_attrs(catalogue=object()), tmp_path / "other.zarr")
+    assert [one.name for one in tmp_path.iterdir() if one.name != ".staging"] == ["draws.zarr"]
+
+
+def test_folders_of_older_versions_are_packed_without_a_change(tmp_path: Path) -> None:
+    write_group(posterior(), tmp_path / "old.zarr")
+    with pytest.raises(StoreError, match=r"old\.zarr is a folder, .*run `bella store pack` once"):
+        open_group(tmp_path, "old.zarr")
+    place_group(packed_folder(tmp_path, "old.zarr"), tmp_path, "new.zarr.zip")
+    xr.testing.assert_identical(open_group(tmp_path, "new.zarr.zip", content_sha256(posterior())), posterior())
+    with pytest.raises(StoreError, match=r"gone\.zarr is not in the store"):
+        packed_folder(tmp_path, "gone.zarr")
+    with pytest.raises(StoreError, match="is not a path of a group"):
+        packed_folder(tmp_path, "../old.zarr")
 
 
 def test_a_root_that_cannot_be_made_is_refused(tmp_path: Path) -> None:

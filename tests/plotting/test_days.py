@@ -13,8 +13,8 @@ import xarray as xr
 from PIL import Image
 
 from bella.exceptions import InputError, NoDataError
-from bella.plotting import day_figure
-from bella.plotting.fleet import BOX_COLUMNS
+from bella.plotting import day_figure, zoomed_day
+from bella.plotting.days import BOX_COLUMNS, LEFT, RIGHT, WIDTH
 from bella.spectra import over_background
 from tests.plotting.reading import SVG, of_class, parsed, texts
 
@@ -86,7 +86,7 @@ def test_each_spacecraft_has_a_panel_with_its_own_boxes(tmp_path: Path) -> None:
 def test_a_box_stands_at_its_time_and_leads_to_its_burst(tmp_path: Path) -> None:
     write_day_svg(tmp_path / "day.svg", DAY, [day()], found("SOLO", "01 06:00"))
     root = parsed((tmp_path / "day.svg").read_text())
-    (link,) = root.findall(f"{SVG}a")
+    (link,) = root.iter(f"{SVG}a")
     assert link.get("href") == "#T3-x"
     box, panel = of_class(root, "box")[0], of_class(root, "no-data")[0]
     share = (float(box.get("x", "")) - float(panel.get("x", ""))) / float(panel.get("width", ""))
@@ -171,3 +171,36 @@ def test_a_thousand_boxes_are_all_there_and_stay_small(tmp_path: Path) -> None:
     (rect,) = of_class(parsed(few.read_text()), "box")
     first = paths["box localised"].split("Z")[0]
     assert first.startswith(f"M{rect.get('x')} {rect.get('y')}H")
+
+
+def hour_labels(root: Any) -> dict[str, float]:
+    """Places of the labels of the time axis."""
+    (group,) = of_class(root, "hours")
+    return {str(one.text): float(one.get("x")) for one in group.iter(f"{SVG}text")}
+
+
+def test_a_part_of_a_day_shows_its_hours_over_the_whole_width() -> None:
+    table = pd.concat([found("SOLO", "01 03:00"), found("SOLO", "01 07:30", burst_id="T3-y")])
+    whole = day_figure(DAY, [day(), day(observatory="PSP")], table)
+    root = parsed(zoomed_day(whole, 6 * 3600.0, 9 * 3600.0))
+    for pane in of_class(root, "pane"):
+        left, top, width, height = (float(one) for one in pane.get("viewBox").split())
+        assert (top, height) == (float(pane.get("y")), float(pane.get("height")))
+        per_day = WIDTH - LEFT - RIGHT
+        assert left == pytest.approx(LEFT + per_day / 4, abs=0.1)
+        assert width == pytest.approx(per_day / 8, abs=0.1)
+        assert pane.get("preserveAspectRatio") == "none"
+    assert texts(root, "onset-label") == ["07:30"], "that of 03:00 is not in this part"
+    assert float(of_class(root, "onset-label")[0].get("x")) == pytest.approx((LEFT + WIDTH - RIGHT) / 2, abs=0.5)
+    labels = hour_labels(root)
+    assert labels["06:00"] == pytest.approx(LEFT)
+    assert labels["07:30"] == pytest.approx((LEFT + WIDTH - RIGHT) / 2, abs=0.1)
+    assert labels["09:00"] == pytest.approx(WIDTH - RIGHT)
+    (drawn,) = of_class(root, "figure day")
+    assert drawn.get("data-time") == "21600,32400"
+
+
+def test_a_whole_day_ends_at_24() -> None:
+    labels = hour_labels(parsed(day_figure(DAY, [day()], EMPTY)))
+    assert (labels["00:00"], labels["24:00"]) == (LEFT, WIDTH - RIGHT)
+    assert labels["12:00"] == pytest.approx((LEFT + WIDTH - RIGHT) / 2)
