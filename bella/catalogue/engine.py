@@ -7,7 +7,19 @@ from contextvars import ContextVar
 from threading import Lock
 from typing import Any, ClassVar
 
-from sqlalchemy import URL, Connection, Engine, PoolProxiedConnection, create_engine, event, make_url, text
+from sqlalchemy import (
+    URL,
+    Connection,
+    Engine,
+    PoolProxiedConnection,
+    Table,
+    create_engine,
+    event,
+    literal_column,
+    make_url,
+    text,
+)
+from sqlalchemy.dialects import postgresql, sqlite
 from sqlalchemy.exc import ArgumentError, DataError, DBAPIError, SQLAlchemyError
 
 from bella.exceptions import BellaError, BusyError, InputError, StoreError, UnreachableError
@@ -17,6 +29,7 @@ _CONNECT_TIMEOUT_S = 10
 _WRITES = "bella_writes"
 # SQLSTATE classes: serialisation failure and deadlock, lock not available, too many connections
 _TRY_AGAIN_STATES = ("40001", "40P01", "55P03", "53300")
+_BEGIN = text("SELECT count(*) FROM stage_run WHERE stage_run_id < 0")
 _snapshot: ContextVar[tuple[Engine, Connection] | None] = ContextVar("snapshot", default=None)
 
 
@@ -170,7 +183,7 @@ def snapshot(engine: Engine) -> Iterator[None]:
     """Let everything that is read in this block, and in this thread, come from one moment."""
     with reading(engine) as connection:
         # a transaction begins with its first statement, not before
-        connection.execute(text("SELECT count(*) FROM stage_run WHERE stage_run_id < 0"))
+        connection.execute(_BEGIN)
         token = _snapshot.set((engine, connection))
         try:
             yield
@@ -254,3 +267,42 @@ def _prepare_sqlite(connection: Any, _record: Any) -> None:
 def _begin_sqlite(connection: Connection) -> None:
     writes = connection.get_execution_options().get(_WRITES, False)
     connection.exec_driver_sql("BEGIN IMMEDIATE" if writes else "BEGIN")
+
+
+def dialect_insert(connection: Connection, table: Table) -> sqlite.Insert | postgresql.Insert:
+    """Insert statement with ON CONFLICT of the connection's dialect.
+
+    Parameters
+    ----------
+    connection : sqlalchemy.Connection
+        To a SQLite or PostgreSQL database.
+    table : sqlalchemy.Table
+        Table to insert into.
+
+    Returns
+    -------
+    sqlalchemy.dialects.sqlite.Insert or sqlalchemy.dialects.postgresql.Insert
+        Both have `on_conflict_do_nothing` and `on_conflict_do_update`.
+    """
+    return sqlite.insert(table) if connection.dialect.name == "sqlite" else postgresql.insert(table)
+
+
+def insert_ignoring(connection: Connection, table: Table, values: dict[str, Any]) -> bool:
+    """Insert a row unless one of its keys is taken; waits for a rival that is inserting the same.
+
+    Parameters
+    ----------
+    connection : sqlalchemy.Connection
+        In a writing transaction.
+    table : sqlalchemy.Table
+        Table to insert into.
+    values : dict
+        Columns of the row.
+
+    Returns
+    -------
+    bool
+        True where the row was inserted.
+    """
+    statement = dialect_insert(connection, table).on_conflict_do_nothing().values(values)
+    return connection.execute(statement.returning(literal_column("1"))).first() is not None

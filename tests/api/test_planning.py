@@ -5,7 +5,7 @@ import re
 import pytest
 from fastapi.testclient import TestClient
 
-from api import planning
+from api.routers import observability as planning
 from tests.api.test_pages import page
 
 ASKED = "day=2013-05-13&observatory=Wind&observatory=STA&observatory=STEREO-B"
@@ -40,6 +40,13 @@ def test_two_spacecraft_are_not_enough_and_the_page_says_why(client: TestClient)
     assert "STEREO-B is left out:" in text
     assert "2014-09-30" in text
     assert "give its HEE" not in text
+
+
+@pytest.mark.parametrize("day", ["1900-01-01", "2100-01-01"])
+def test_a_day_without_positions_keeps_the_form_and_names_those_with(client: TestClient, day: str) -> None:
+    text = page(client, f"/planning?day={day}", 422)
+    assert "positions of the spacecraft are known from 2006-01-01 to 20" in text[text.index('id="fault"') :]
+    assert f'value="{day}"' in text
 
 
 @pytest.mark.parametrize(
