@@ -303,7 +303,7 @@ def test_measured_wind_reaches_the_solution_and_its_figure(first_run: FirstRun, 
         track = catalogue.track_fit(solution.solution_id)
     rmse = {one["observatory"]: one["rmse_km_s"] for one in track["companions"]["wind"]["observatories"]}
     assert rmse == pytest.approx({"WIND": 64, "STEREO-A": 127, "STEREO-B": 124}, abs=5)
-    assert Settings(home=sandbox.home).fit_figure(BURST, solution.solution_id, "wind").is_file()
+    assert Settings(home=sandbox.home).solution_figure(BURST, solution.solution_id, "wind").is_file()
     assert "set BELLA_REGIONS" in track["companions"]["footpoint"]["regions"]["reason"]
 
 
