@@ -295,3 +295,16 @@ def test_days_without_records_between_two_are_none(tmp_path: Path) -> None:
 
     assert [day.isoformat() for day in folder.days] == ["2012-06-07", "2020-08-24"]
     assert all(folder.read(day).spectra["STEREO-A"].sizes["time"] == 200 for day in folder.days)
+
+
+def test_results_in_a_folder_of_spectra_are_not_looked_at(tmp_path: Path) -> None:
+    written(tmp_path, lambda one: one)
+    home = tmp_path / "bella-home"
+    (home / "store").mkdir(parents=True)
+    (home / "catalogue.sqlite").write_bytes(b"SQLite format 3\0")
+    (home / "store" / "draws.nc").write_bytes(b"CDF\x01 and so on")
+
+    found = user_days(tmp_path)
+
+    assert [one.path.name for one in found.files] == ["mine.nc"]
+    assert (found.left_out, found.others) == ((), ())
