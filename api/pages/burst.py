@@ -112,7 +112,8 @@ def solution_figure(
         raise NoDataError(f"{name} of {solution_id} is not drawn: run the burst again")
     text = wind_map_caption() if name == WIND_FIGURE else shared_profile_caption()
     source = f"Cite: BELLA service, {site_url(request)}{linked(f'/api/v1/solutions/{solution_id}')}; {METHOD}"
-    caption = Caption(text, f"Burst {burst.burst_id}. {source}", origin_warning(burst.origin))
+    retracted = f"Retracted burst: {burst.retracted.reason}." if burst.retracted else ""
+    caption = Caption(text, f"Burst {burst.burst_id}. {source}", retracted or origin_warning(burst.origin))
     made = exported(path.read_text(encoding="utf-8"), caption, kind)
     return file_reply(made, kind, f"{burst.burst_id}_{name}", tag_of((), file_tag(path), kind))
 

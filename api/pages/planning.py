@@ -1,5 +1,6 @@
 """Could a source be located: a fleet on a day, drawn and in words, before there are data."""
 
+from datetime import date
 from typing import Any
 
 from fastapi import APIRouter, Request
@@ -53,13 +54,23 @@ def _answer(asked: dict[str, Any]) -> tuple[PlanningQuery | None, Prediction | N
     """Prediction, or what is wrong with the question."""
     try:
         wanted = PlanningQuery.model_validate({name: value for name, value in asked.items() if value != ""})
+        _check_known(wanted.on)
         return wanted, wanted.prediction(), None
-    except NoDataError:
-        known = coverage("EARTH")
-        first, last = (str(one.astype("datetime64[D]")) for one in (known.start, known.stop))
-        return None, None, f"day: positions are known from {first} to {last}"
     except (InputError, ValidationError) as error:
         return None, None, fault_words(error)
+
+
+def _check_known(day: date) -> None:
+    """Refuse a day for which there are no positions to draw.
+
+    Raises
+    ------
+    InputError
+    """
+    known = coverage("EARTH")
+    first, last = (one.astype("datetime64[D]").item() for one in (known.start, known.stop))
+    if not first < day < last:
+        raise InputError(f"day: positions of the spacecraft are known from {first} to {last}")
 
 
 def _rows(found: Prediction) -> list[dict[str, Any]]:

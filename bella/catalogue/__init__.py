@@ -5,11 +5,20 @@ from bella.exceptions import require_extra
 require_extra("sqlalchemy")
 
 from bella.catalogue.catalogue import Catalogue
-from bella.catalogue.detections import UNSEARCHED
+from bella.catalogue.days import UNSEARCHED
 from bella.catalogue.events import EventPage, EventQuery, KnownEvent, ListRead, PublishedEvents
 from bella.catalogue.leases import Lease
-from bella.catalogue.observability import FleetMap, ObservedDay, ReceiverDay
-from bella.catalogue.operation import Freshness, Latency, MockRun, Operation, SolutionTimes, Work
+from bella.catalogue.operation import (
+    FleetMap,
+    Freshness,
+    Latency,
+    MockRun,
+    ObservedDay,
+    Operation,
+    ReceiverDay,
+    SolutionTimes,
+    Work,
+)
 from bella.catalogue.records import (
     BURST_SORTS,
     RANGES,

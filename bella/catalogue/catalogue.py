@@ -11,10 +11,8 @@ from sqlalchemy import Engine, text
 from bella.catalogue import (
     alerts,
     days,
-    detections,
     leases,
     preference,
-    pruning,
     publication,
     queries,
     retraction,
@@ -311,16 +309,16 @@ class Catalogue:
         return solutions.stored_groups(self._engine)
 
     def record_day(self, day: SearchedDay, found: Sequence[Detection], lease: leases.Lease | None = None) -> None:
-        """Replace what is known of a searched day, in one commit; see `detections.record_day`."""
-        detections.record_day(self._engine, day, found, lease)
+        """Replace what is known of a searched day, in one commit; see `days.record_day`."""
+        days.record_day(self._engine, day, found, lease)
 
     def record_unsearched(self, day: SearchedDay) -> None:
-        """Keep why a day was not searched, unless it was before; see `detections.record_unsearched`."""
-        detections.record_unsearched(self._engine, day)
+        """Keep why a day was not searched, unless it was before; see `days.record_unsearched`."""
+        days.record_unsearched(self._engine, day)
 
     def searched_day(self, day: date, origins: Sequence[Origin] = REAL_ORIGINS) -> SearchedDay | None:
         """What a day was searched in, in data of the first of these origins; None where it was not."""
-        return detections.searched_day(self._engine, day, origins)
+        return days.searched_day(self._engine, day, origins)
 
     def days(
         self,
@@ -342,24 +340,24 @@ class Catalogue:
         return days.detections_of(self._engine, day, origins)
 
     def detections(self, query: DetectionQuery) -> DetectionPage:
-        """One page of detections by onset; see `detections.detections`."""
-        return detections.detections(self._engine, query)
+        """One page of detections by onset; see `days.detections`."""
+        return days.detections(self._engine, query)
 
     def retract(self, name: str, reason: str) -> str:
         """Retract a burst or a solution, and say of which burst; see `retraction.retract`."""
         return retraction.retract(self._engine, name, reason)
 
     def prunable(self, before_utc: datetime) -> tuple[Solution, ...]:
-        """Solutions that were superseded before a time and have their draws; see `pruning.prunable`."""
-        return pruning.prunable(self._engine, before_utc)
+        """Solutions that were superseded before a time and have their draws; see `retraction.prunable`."""
+        return retraction.prunable(self._engine, before_utc)
 
     def note_pruned(self, solution_id: str, store_path: str, store_sha256: str) -> None:
-        """Let a superseded solution point to its group without draws; see `pruning.note_pruned`."""
-        pruning.note_pruned(self._engine, solution_id, store_path, store_sha256)
+        """Let a superseded solution point to its group without draws; see `retraction.note_pruned`."""
+        retraction.note_pruned(self._engine, solution_id, store_path, store_sha256)
 
     def note_packed(self, folder: str, store_path: str) -> None:
-        """Let all that refers to the folder of a group refer to its file; see `pruning.note_packed`."""
-        pruning.note_packed(self._engine, folder, store_path)
+        """Let all that refers to the folder of a group refer to its file; see `retraction.note_packed`."""
+        retraction.note_packed(self._engine, folder, store_path)
 
     def create_token(self, name: str) -> tuple[Token, str]:
         """Make a token, and the secret that is shown once; see `tokens.create`."""

@@ -7,7 +7,19 @@ from contextvars import ContextVar
 from threading import Lock
 from typing import Any, ClassVar
 
-from sqlalchemy import URL, Connection, Engine, PoolProxiedConnection, create_engine, event, make_url, text
+from sqlalchemy import (
+    URL,
+    Connection,
+    Engine,
+    PoolProxiedConnection,
+    Table,
+    create_engine,
+    event,
+    literal_column,
+    make_url,
+    text,
+)
+from sqlalchemy.dialects import postgresql, sqlite
 from sqlalchemy.exc import ArgumentError, DataError, DBAPIError, SQLAlchemyError
 
 from bella.exceptions import BellaError, BusyError, InputError, StoreError, UnreachableError
@@ -254,3 +266,42 @@ def _prepare_sqlite(connection: Any, _record: Any) -> None:
 def _begin_sqlite(connection: Connection) -> None:
     writes = connection.get_execution_options().get(_WRITES, False)
     connection.exec_driver_sql("BEGIN IMMEDIATE" if writes else "BEGIN")
+
+
+def dialect_insert(connection: Connection, table: Table) -> sqlite.Insert | postgresql.Insert:
+    """Insert statement with ON CONFLICT of the connection's dialect.
+
+    Parameters
+    ----------
+    connection : sqlalchemy.Connection
+        To a SQLite or PostgreSQL database.
+    table : sqlalchemy.Table
+        Table to insert into.
+
+    Returns
+    -------
+    sqlalchemy.dialects.sqlite.Insert or sqlalchemy.dialects.postgresql.Insert
+        Both have `on_conflict_do_nothing` and `on_conflict_do_update`.
+    """
+    return sqlite.insert(table) if connection.dialect.name == "sqlite" else postgresql.insert(table)
+
+
+def insert_ignoring(connection: Connection, table: Table, values: dict[str, Any]) -> bool:
+    """Insert a row unless one of its keys is taken; waits for a rival that is inserting the same.
+
+    Parameters
+    ----------
+    connection : sqlalchemy.Connection
+        In a writing transaction.
+    table : sqlalchemy.Table
+        Table to insert into.
+    values : dict
+        Columns of the row.
+
+    Returns
+    -------
+    bool
+        True where the row was inserted.
+    """
+    statement = dialect_insert(connection, table).on_conflict_do_nothing().values(values)
+    return connection.execute(statement.returning(literal_column("1"))).first() is not None

@@ -20,10 +20,9 @@ from sqlalchemy import (
 )
 from sqlalchemy.orm import Mapped, mapped_column
 
-from bella.catalogue.engine import reading, writing
+from bella.catalogue.engine import dialect_insert, reading, writing
 from bella.catalogue.models import Base, UtcTime, table_of
 from bella.catalogue.paging import Key, check_limit, read_page
-from bella.catalogue.upserts import dialect_insert
 from bella.linked_events import Event, EventKind, Link
 
 ListState = Literal["read", "refused", "gone"]

@@ -21,10 +21,9 @@ from typing import Any
 import structlog
 from sqlalchemy import Connection, Engine, Row, select, update
 
-from bella.catalogue.engine import reading, writing
+from bella.catalogue.engine import insert_ignoring, reading, writing
 from bella.catalogue.models import StageRunRow, table_of
 from bella.catalogue.records import StageRun
-from bella.catalogue.upserts import insert_ignoring
 from bella.exceptions import BellaError, BusyError
 
 RUNNING, DONE, FAILED = "running", "done", "failed"

@@ -12,11 +12,10 @@ import structlog
 from sqlalchemy import Connection, Engine, Row, bindparam, delete, select
 
 from bella.catalogue.alerts import note_answer
-from bella.catalogue.engine import writing
+from bella.catalogue.engine import dialect_insert, writing
 from bella.catalogue.models import BurstRow, PreferenceRow, SolutionRow, table_of
 from bella.catalogue.records import PERSON, RULE, Preference, Series, Solution, rule_order
 from bella.catalogue.solutions import SERIES_COLUMNS, is_newest, solution_rows
-from bella.catalogue.upserts import dialect_insert
 from bella.exceptions import InputError, NoDataError
 
 BY_RULE = "chosen by the rule"

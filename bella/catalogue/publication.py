@@ -13,7 +13,7 @@ from sqlalchemy import Connection, Engine, Table, and_, delete, func, insert, se
 
 from bella.answer import Answer, answer_of, read_track
 from bella.catalogue.alerts import note_answer
-from bella.catalogue.engine import reading, writing
+from bella.catalogue.engine import dialect_insert, insert_ignoring, reading, writing
 from bella.catalogue.leases import Lease, check_held
 from bella.catalogue.models import (
     BurstObservatoryRow,
@@ -30,7 +30,6 @@ from bella.catalogue.preference import follow_publication, lock
 from bella.catalogue.records import Burst, Publication, Series, Solution, SourceFile
 from bella.catalogue.solutions import newest, settle_answer, solution, solution_rows
 from bella.catalogue.submissions import refuse_withdrawn
-from bella.catalogue.upserts import dialect_insert, insert_ignoring
 from bella.exceptions import InputError
 from bella.records import Origin, Track, origins_beside
 

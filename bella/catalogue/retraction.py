@@ -1,4 +1,4 @@
-"""Retractions: what is retracted stays where it is, marked with a reason and a time, and is no answer any more."""
+"""What is taken back: retractions, which mark with a reason and a time, and draws of superseded solutions."""
 
 from datetime import UTC, datetime
 
@@ -6,9 +6,11 @@ import structlog
 from sqlalchemy import Connection, Engine, select, update
 
 from bella.catalogue.alerts import note_answer
-from bella.catalogue.engine import writing
+from bella.catalogue.engine import reading, writing
 from bella.catalogue.models import BurstRow, SolutionRow, table_of
 from bella.catalogue.preference import choose_again, lock
+from bella.catalogue.records import Solution
+from bella.catalogue.solutions import solution_rows
 from bella.exceptions import InputError, NoDataError
 
 LONGEST_REASON = 500
@@ -93,3 +95,55 @@ def _retract_solution(connection: Connection, burst_id: str, solution_id: str, r
 def _refuse_twice(name: str, retracted_utc: datetime | None, reason: str | None) -> None:
     if retracted_utc is not None:
         raise InputError(f"{name} was retracted on {retracted_utc:%Y-%m-%d}: {reason}")
+
+
+def prunable(engine: Engine, before_utc: datetime) -> tuple[Solution, ...]:
+    """Solutions that were superseded before a time and have not been pruned.
+
+    Parameters
+    ----------
+    engine : sqlalchemy.Engine
+    before_utc : datetime.datetime
+
+    Returns
+    -------
+    tuple of Solution
+        The newest version of a series is never among them.
+    """
+    later = _SOLUTIONS.alias("later")
+    superseded = (
+        select(later.c.solution_id)
+        .where(later.c.supersedes == _SOLUTIONS.c.solution_id, later.c.created_utc < before_utc)
+        .exists()
+    )
+    with reading(engine) as connection:
+        return solution_rows(connection, superseded, _SOLUTIONS.c.pruned_utc.is_(None))
+
+
+def note_pruned(engine: Engine, solution_id: str, store_path: str, store_sha256: str) -> None:
+    """Let a superseded solution point to its group without draws; the group with them is swept afterwards.
+
+    Parameters
+    ----------
+    engine : sqlalchemy.Engine
+    solution_id : str
+    store_path, store_sha256 : str
+        Of the group without draws.
+    """
+    values = {"store_path": store_path, "store_sha256": store_sha256, "pruned_utc": datetime.now(UTC)}
+    with writing(engine) as connection:
+        connection.execute(update(_SOLUTIONS).where(_SOLUTIONS.c.solution_id == solution_id).values(values))
+
+
+def note_packed(engine: Engine, folder: str, store_path: str) -> None:
+    """Let all that refers to the folder of a group refer to its file, in one commit; the folder is swept afterwards.
+
+    Parameters
+    ----------
+    engine : sqlalchemy.Engine
+    folder, store_path : str
+        Paths of the group before and after.
+    """
+    with writing(engine) as connection:
+        for column in (_SOLUTIONS.c.store_path, _SOLUTIONS.c.spectra_path, _BURSTS.c.spectra_path):
+            connection.execute(update(column.table).where(column == folder).values({column.name: store_path}))

@@ -5,11 +5,10 @@ from datetime import UTC, date, datetime
 
 from sqlalchemy import Connection, Engine, Row, select, update
 
-from bella.catalogue.engine import reading, writing
+from bella.catalogue.engine import insert_ignoring, reading, writing
 from bella.catalogue.models import BurstRow, SubmissionRow, table_of
 from bella.catalogue.records import Submission
 from bella.catalogue.retraction import is_retracted, retract_burst
-from bella.catalogue.upserts import insert_ignoring
 from bella.exceptions import InputError, NoDataError
 
 RECEIVED, DONE, FAILED, WITHDRAWN = "received", "done", "failed", "withdrawn"

@@ -9,7 +9,7 @@ import xarray as xr
 
 from bella.arrivals import MIN_OBSERVATORIES
 from bella.catalogue import FleetMap, ObservedDay, ReceiverDay
-from bella.catalogue.observability import BINS, MINUTES_PER_BIN, fleet_of
+from bella.catalogue.operation import BINS, MINUTES_PER_BIN, fleet_of
 from bella.exceptions import BellaError
 from bella.multilateration.posterior import Recipe, exact_posterior
 from bella.multilateration.priors import find_preset

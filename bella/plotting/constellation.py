@@ -55,8 +55,8 @@ SPIRAL_POINTS = 48
 SCALE_ROOM = (215.0, 56.0)
 """Corner of the colours, with letters as large as on a phone."""
 
-CROWDED = 40.0
-"""A body this close to another has its name below."""
+LABEL_WIDTH, LABEL_HEIGHT = 90.0, 15.0
+"""Room of the name of a body."""
 
 BORDER = 15.0
 """Room between the border of the map and the labels of the longitudes along it."""
@@ -319,18 +319,16 @@ def bodies(chart: Map, receivers: Mapping[str, FloatArray], earth: FloatArray) -
     """Earth and spacecraft; those outside the map as an arrow at its border."""
     near_earth = [name for name, where in receivers.items() if float(np.linalg.norm(where - earth)) < 4.0]
     named = {name: where for name, where in receivers.items() if name not in near_earth}
-    taken: list[FloatArray] = []
+    taken: list[tuple[float, float]] = []
     for name, where in [("Earth" + "".join(f", {one}" for one in near_earth), earth), *named.items()]:
         kind = "earth" if where is earth else "craft"
-        x, y = place = chart(where[np.newaxis])[0]
+        x, y = (float(one) for one in chart(where[np.newaxis])[0])
         angle = float(np.arctan2(where[1], where[0]))
         if 8 < x < SIZE[0] - 8 and 8 < y < SIZE[1] - 8:
             yield _marker(kind, x, y)
-            side = -1.0 if x > SIZE[0] - 100 else 1.0
-            below = any(np.linalg.norm(place - one) < CROWDED for one in taken)
-            anchor = "end" if side < 0 else "start"
-            yield words(name, x + side * 10, y + (16 if below else -7), class_="craft-label", text_anchor=anchor)
-            taken.append(place)
+            side, anchor = (-1.0, "end") if x > SIZE[0] - 100 else (1.0, "start")
+            height = _free_height(x, y, (-7.0, 16.0, 32.0), taken)
+            yield words(name, x + side * 10, height, class_="craft-label", text_anchor=anchor)
             continue
         end, is_seen = chart.to_border(angle, 34.0)
         if is_seen:
@@ -338,9 +336,18 @@ def bodies(chart: Map, receivers: Mapping[str, FloatArray], earth: FloatArray) -
             yield _triangle(x, y, f"away {kind}", f"rotate({90 - np.degrees(angle):.0f} {number(x)} {number(y)})")
             anchor = "end" if x > SIZE[0] - 120 else "start" if x < 120 else "middle"
             aside = {"end": -9, "start": 9, "middle": 0}[anchor]
-            below = y < 60 or any(np.linalg.norm(end - one) < CROWDED for one in taken)
-            yield words(name, x + aside, y + (18 if below else -8), class_="craft-label", text_anchor=anchor)
-            taken.append(end)
+            height = _free_height(x, y, (18.0, 34.0, 50.0) if y < 60 else (-8.0, 18.0, -24.0, 34.0), taken)
+            yield words(name, x + aside, height, class_="craft-label", text_anchor=anchor)
+
+
+def _free_height(x: float, y: float, offsets: Sequence[float], taken: list[tuple[float, float]]) -> float:
+    """First height above or below a body at which its name covers no other one; it is taken then."""
+    heights = [y + offset for offset in offsets]
+    free = [
+        one for one in heights if all(abs(x - at[0]) > LABEL_WIDTH or abs(one - at[1]) >= LABEL_HEIGHT for at in taken)
+    ]
+    taken.append((x, (free or heights)[0]))
+    return taken[-1][1]
 
 
 def _marker(kind: str, x: float, y: float) -> str:

@@ -183,7 +183,7 @@ def coverage_figure(uncertainty: xr.Dataset) -> str:
         element("rect", x=0, y=0, width=SIZE[0], height=SIZE[1] + FOOT, class_="sky"),
         picture(share, UNCERTAINTY, **_box(chart, x, y)),
         *_off(chart, uncertainty["closed_form_off"], hatched=not exact),
-        *_contours(chart, sd, [level for level in CONTOURS_RSUN if low < level < high]),
+        *_contours(chart, sd),
         *rings(chart),
         _sun(chart),
         *bodies(chart, receivers, np.array([AU_RSUN, 0.0, 0.0])),
@@ -213,9 +213,9 @@ def _box(chart: Map, x: FloatArray, y: FloatArray) -> dict[str, float]:
     return {"x": left, "y": top, "width": right - left, "height": bottom - top}
 
 
-def _contours(chart: Map, field_of: xr.DataArray, levels: Sequence[float]) -> Iterator[str]:
+def _contours(chart: Map, field_of: xr.DataArray) -> Iterator[str]:
     x, y = field_of["x"].to_numpy(), field_of["y"].to_numpy()
-    for level in levels:
+    for level in CONTOURS_RSUN:
         lines = contour_lines(x, y, field_of.to_numpy(), level)
         for one in lines:
             yield path(chart(one), class_="contour")

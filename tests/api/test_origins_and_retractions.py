@@ -136,10 +136,24 @@ def test_figures_of_a_simulated_day_are_its_own(reader: TestClient, home: Settin
     assert reader.get("/api/v1/days/2020-07-21/figure.svg?origin=test").status_code == 404
 
 
+def test_a_calendar_of_simulated_days_says_so(reader: TestClient) -> None:
+    assert "SIMULATED" not in reader.get("/days/calendar.svg").text
+    assert "SIMULATED DATA" in reader.get("/days/calendar.svg?origin=simulated").text
+
+
 def test_a_kept_figure_of_a_retracted_burst_says_so(reader: TestClient) -> None:
     kept = reader.get("/api/v1/bursts/T3-20120607-2100/figures/constellation.svg").text
     assert "RETRACTED BURST" in kept
     assert "Retracted burst: timed on &lt;interference&gt;." in kept
+
+
+@pytest.mark.parametrize(("burst_id", "said"), [("T3-20120607-2100", "RETRACTED BURST"), (SIM, "SIMULATED DATA")])
+def test_a_kept_figure_of_a_solution_says_so(reader: TestClient, home: Settings, burst_id: str, said: str) -> None:
+    solution = reader.get(f"/api/v1/bursts/{burst_id}/versions?origin=all").json()["versions"][0]["solution_id"]
+    path = home.solution_figure(burst_id, solution, "wind")
+    path.parent.mkdir(parents=True, exist_ok=True)
+    path.write_text(figure("wind-map", (400, 100), "wind"))
+    assert said in reader.get(f"/solutions/{solution}/figures/wind.svg").text
 
 
 def test_figures_of_a_selection_say_when_bursts_are_not_real(reader: TestClient) -> None:

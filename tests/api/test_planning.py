@@ -42,6 +42,13 @@ def test_two_spacecraft_are_not_enough_and_the_page_says_why(client: TestClient)
     assert "give its HEE" not in text
 
 
+@pytest.mark.parametrize("day", ["1900-01-01", "2100-01-01"])
+def test_a_day_without_positions_keeps_the_form_and_names_those_with(client: TestClient, day: str) -> None:
+    text = page(client, f"/planning?day={day}", 422)
+    assert "positions of the spacecraft are known from 2006-01-01 to 20" in text[text.index('id="fault"') :]
+    assert f'value="{day}"' in text
+
+
 @pytest.mark.parametrize(
     ("query", "word"),
     [

@@ -22,12 +22,14 @@ from tests.plotting.synthetic import (
     synthetic_samples,
     synthetic_spectra,
 )
-from tests.waiting import PATIENCE_S
 
 CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
 ARTIFACTS = Path(__file__).parents[2] / "test-artifacts"
 SHOWN_S = 60.0
 """A loaded machine still shows within this time what a page has: what is not there fails with its name."""
+
+LOADED_S = 300.0
+"""The same for a page itself, whose server shares the machine."""
 
 expect.set_options(timeout=1000 * SHOWN_S)
 FLAGS = ["--no-sandbox", "--disable-gpu", "--disable-background-networking"]
@@ -106,7 +108,7 @@ def watch(browser: Browser, address: str, request: pytest.FixtureRequest) -> Ite
     context = browser.new_context(**{"viewport": {"width": 1280, "height": 800}, **getattr(request, "param", {})})
     seen = Watch(context.new_page(), address)
     seen.page.set_default_timeout(1000 * SHOWN_S)
-    seen.page.set_default_navigation_timeout(1000 * PATIENCE_S)
+    seen.page.set_default_navigation_timeout(1000 * LOADED_S)
     seen.page.on("request", lambda asked: seen.requests.append(asked.url))
     seen.page.on("console", lambda note: note.type in {"error", "warning"} and seen.complaints.append(note.text))
     seen.page.on("pageerror", lambda error: seen.complaints.append(str(error)))

@@ -31,6 +31,7 @@ def test_a_run_that_ends_is_recorded_and_the_next_counts_on(catalogue: Catalogue
     for attempt in (1, 2, 3):
         with catalogue.lease("localise", "T3-1", f"run{attempt}", 60.0) as lease:
             assert lease.attempt == attempt
+            assert catalogue.stage_runs(1)[0].ended_utc is None
     (row,) = catalogue.stage_runs(10)
     assert (row.state, row.attempts, row.run_id, row.message) == ("done", 3, "run3", "")
     assert row.ended_utc is not None
@@ -44,6 +45,12 @@ def test_a_run_that_fails_says_why_and_does_not_block_the_next(catalogue: Catalo
     assert (row.state, row.message) == ("failed", "ConvergenceError: no mode found: widen the box")
     with catalogue.lease("localise", "T3-1", "next", 60.0) as lease:
         assert lease.attempt == 2
+
+
+def test_a_long_reason_is_cut(catalogue: Catalogue) -> None:
+    with pytest.raises(ConvergenceError), catalogue.lease("localise", "T3-1", "bad", 60.0):
+        raise ConvergenceError("no mode found " * 1000)
+    assert len(catalogue.stage_runs(1)[0].message) == 2000
 
 
 def test_an_expired_lease_is_taken_over_and_its_owner_notices(catalogue: Catalogue) -> None:
@@ -87,6 +94,7 @@ def test_only_what_is_certainly_gone_is_gone() -> None:
     assert not is_gone(here)
     assert is_gone(Owner(here.host, absent, here.process_start))
     assert is_gone(Owner(here.host, here.pid, f"an-earlier-boot/{namespace}/{ticks}"))
+    assert is_gone(Owner(here.host, here.pid, f"an-earlier-boot/pid:[1]/{ticks}"))
     assert not is_gone(Owner(here.host, absent, f"{boot}/pid:[1]/{ticks}"))
     assert not is_gone(Owner("elsewhere", absent, here.process_start))
 
@@ -174,6 +182,21 @@ def test_a_run_that_lost_its_lease_notices_and_publishes_nothing(catalogue: Cata
             catalogue.record_day(SearchedDay(date(2021, 2, 1), "hash", "1", ("WIND",)), (), lease)
     assert catalogue.bursts().total == 0
     assert catalogue.searched_day(date(2021, 2, 1)) is None
+
+
+def test_a_heart_stops_where_the_lease_is_lost(catalogue: Catalogue) -> None:
+    with catalogue.lease("localise", "T3-1", "slow", 0.3):
+        change(catalogue, token="of a rival")
+        until(lambda: "lease localise T3-1" not in {one.name for one in threading.enumerate()})
+
+
+def test_a_lease_ends_once(catalogue: Catalogue) -> None:
+    with catalogue.lease("localise", "T3-1", "mine", 60.0) as lease:
+        assert lease.end("done")
+        assert not lease.end("failed", "twice")
+        with pytest.raises(BusyError):
+            lease.renew(60.0)
+    assert catalogue.stage_runs(1)[0].state == "done"
 
 
 def test_a_run_that_lost_its_lease_adds_nothing_to_what_is_published(catalogue: Catalogue) -> None:

@@ -6,7 +6,7 @@ from datetime import UTC, date, datetime, timedelta
 import pytest
 
 from bella.catalogue import Catalogue, Freshness, Latency, MockRun, ObservedDay, SearchedDay, SolutionTimes
-from bella.catalogue.observability import BINS, ReceiverDay
+from bella.catalogue.operation import BINS, ReceiverDay
 from bella.exceptions import ConvergenceError, NoDataError
 from tests.catalogue.examples import START, burst, publication
 

@@ -201,3 +201,13 @@ def test_polygons_of_one_region_stay_apart() -> None:
     chosen = selected_regions(posterior, 0.01)
     assert chosen["region68"]["x"].count(None) == 1
     assert chosen["region68"]["x"][30] is None
+
+
+def test_names_of_bodies_in_one_direction_beyond_the_map_do_not_cover_one_another() -> None:
+    far = {"WIND": np.array([AU_RSUN, 0.0, 0.0]), "SOLO": np.array([0.9 * AU_RSUN, 9.0, 0.0])}
+    posterior = synthetic_posterior(frequencies=np.array([1.5, 2.0]))
+    near = posterior.assign(receiver_rsun=posterior["receiver_rsun"] * 0 + far["SOLO"])
+    root = parsed(constellation_figure([TrackView("edge", near, {})], UTC, MapView()))
+    heights = [float(one.get("y")) for one in of_class(root, "craft-label")]
+    assert len(heights) == 4
+    assert np.diff(np.sort(heights)).min() >= 14.9

@@ -123,6 +123,9 @@ def test_the_map_of_the_wind_shows_fast_streams_dark_and_has_north_up() -> None:
     low, high = np.sort(points(of_class(root, "band")[0])[:, 1])[[0, -1]]
     (middle,) = set(points(of_class(root, "curve")[0])[:, 1].tolist())
     assert middle == pytest.approx((low + high) / 2, abs=0.2)
+    labels = {one.text: float(one.get("y")) - 4 for one in of_class(root, "tick") if float(one.get("x")) < 60}
+    per_km_s = (labels["350"] - labels["450"]) / 100.0
+    assert (high - low) / per_km_s == pytest.approx(2 * 50.0, rel=0.02)
     assert "Wind along the track (km/s)" in texts(root, "axis-name")
     assert {"300", "400", "500"} <= set(texts(root, "tick"))
 

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 import xarray as xr
 
+from bella.heliosphere import DENSITY_MODELS, emission_range_rsun
 from bella.plotting import evolution_figure, polar_track, residual_figure
 from bella.plotting.evolution import HEIGHT, ellipses, spiral_lines
 from bella.tracks.spiral import piecewise_fit, track_fit
@@ -140,9 +141,16 @@ def test_only_models_that_reach_the_burst_are_drawn_the_leading_one_thick() -> N
     assert said[:6] == [f"{name} density, {one}" for name in names for one in ("fundamental", "harmonic")]
     assert len(of_class(root, "model")) == 6
     assert len(of_class(root, "model thin")) == 4
-    fundamental, harmonic = (points(one) for one in of_class(root, "model")[:2])
+    fundamental, harmonic = (points(one)[::-1] for one in of_class(root, "model")[:2])
     at = np.interp(200.0, fundamental[:, 0], fundamental[:, 1]), np.interp(200.0, harmonic[:, 0], harmonic[:, 1])
     assert at[1] < at[0]  # the harmonic is emitted farther out, which is up
+    ticks = [(str(one.text), float(one.get("x")), float(one.get("y"))) for one in of_class(root, "tick")]
+    heights = {said: y - 4 for said, x, y in ticks if x < 60 and y < 300}
+    places = {said: x for said, x, y in ticks if x < 300 < y < 310}
+    height = np.interp(places["0.5"], fundamental[:, 0], fundamental[:, 1])
+    share = (height - heights["10"]) / (heights["100"] - heights["10"])
+    expected = float(emission_range_rsun(np.array([0.5]), DENSITY_MODELS["leblanc"])[0])
+    assert 10.0 * 10.0**share == pytest.approx(expected, rel=0.02)
 
 
 def test_corrected_distances_are_marked_where_they_are_known() -> None:
