@@ -8,26 +8,22 @@ from typing import Any
 from fastapi import FastAPI
 
 from api.errors import DESCRIBED, Problem, install_error_handlers
-from api.headers import install_headers
 from api.links import Prefixed
+from api.middleware import install_headers
 from api.pages import burst as burst_page
 from api.pages import bursts as list_page
-from api.pages import days, guide, planning, submit
+from api.pages import days, planning, submit
 from api.routers import (
     alerts,
     arrivals,
     bursts,
     detections,
-    events,
     figures,
     hapi,
-    health,
     observability,
-    quirks,
     root,
     solutions,
     status,
-    tables,
 )
 from api.service import Service
 from api.static_files import router as static_files
@@ -109,28 +105,25 @@ def create_app(settings: Settings | None = None) -> FastAPI:
     install_error_handlers(app)
     install_headers(app, app.state.service)
     app.add_middleware(Prefixed, prefix=settings.root_path)
-    for module in (
-        root,
-        alerts,
-        bursts,
-        detections,
-        solutions,
-        figures,
-        arrivals,
-        tables,
-        events,
-        hapi,
-        quirks,
-        health,
-        status,
-        observability,
-        days,
-        list_page,
-        burst_page,
-        planning,
-        guide,
-        submit,
+    for router in (
+        root.router,
+        alerts.router,
+        bursts.router,
+        detections.router,
+        solutions.router,
+        figures.router,
+        arrivals.router,
+        bursts.tables,
+        detections.event_router,
+        hapi.router,
+        status.router,
+        observability.router,
+        days.router,
+        list_page.router,
+        burst_page.router,
+        planning.router,
+        submit.router,
+        static_files,
     ):
-        app.include_router(module.router)
-    app.include_router(static_files)
+        app.include_router(router)
     return app

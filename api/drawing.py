@@ -1,23 +1,26 @@
-"""Figures of a burst as a query of an address asks for them: which answer, of what part, on whose clock."""
+"""Figures as a query of an address asks for them: of one burst, and of all bursts that a query finds."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
+from urllib.parse import urlencode
 
 import numpy as np
 from pydantic import Field, ValidationError, field_validator
 
-from api.queries import CHOICES, SolutionChoice, chosen
+from api.links import linked
+from api.queries import CHOICES, NEWEST_FIRST, BurstSelection, SolutionChoice, chosen
 from api.service import Service
 from bella.catalogue import BurstSummary, Catalogue, Solution
 from bella.exceptions import InputError
 from bella.pipeline import page_figures
 from bella.pipeline.page_figures import Answered, FirstLook
-from bella.plotting import MapView, SpectraView
+from bella.plotting import Estimate, MapView, Marked, SpectraView, footpoint_figure, longitude_figure, wind_figure
 from bella.plotting.constellation import Frame, View
 from bella.plotting.geometry import receiver_positions
 from bella.plotting.spectra import Clock
+from bella.records import REAL_ORIGINS
 from bella.spacecraft import position
 from bella.times import parse_utc
 from bella.units import C_RSUN_S
@@ -205,3 +208,68 @@ class Looked:
         if self.first:
             return self.first.figures.get("residuals")
         return page_figures.residuals(self.answer) if self.answer else None
+
+
+MOST_MARKED = 1000
+"""More bursts than these are not drawn: the newest of them are."""
+
+
+@dataclass(frozen=True)
+class Selection:
+    """Bursts that a query finds, the newest first, as far as they are drawn."""
+
+    bursts: list[Marked]
+    total: int
+    has_unreal: bool
+
+    def figures(self, address: str = "") -> dict[str, str]:
+        """Figures by name; none where there are fewer than two bursts. Sectors lead to parts of an address."""
+        if len(self.bursts) < 2:
+            return {}
+        drawn = {"longitude": longitude_figure(self.bursts), "footpoints": footpoint_figure(self.bursts, address)}
+        return drawn | {"wind": wind_figure(self.bursts)}
+
+
+def selection_of(catalogue: Catalogue, wanted: BurstSelection) -> Selection:
+    """Bursts that a query finds.
+
+    Raises
+    ------
+    InputError
+        If the query cannot be read.
+    """
+    query = replace(BurstSelection.query(wanted), sort=NEWEST_FIRST, limit=MOST_MARKED)
+    page = catalogue.bursts(query)
+    return Selection(
+        [_marked(one) for one in page.bursts],
+        page.total,
+        any(one.burst.origin not in REAL_ORIGINS for one in page.bursts),
+    )
+
+
+def selection_query(asked: Mapping[str, object]) -> str:
+    """Query of the address of a selection, without what only says how a list shows it."""
+    kept = {name: value for name, value in asked.items() if value and name in BurstSelection.model_fields}
+    return urlencode(kept, doseq=True)
+
+
+def sector_address(asked: Mapping[str, object]) -> str:
+    """Address of the list of a selection, to which bounds of the longitude are added."""
+    rest = {name: value for name, value in asked.items() if name not in {"longitude_min", "longitude_max"}}
+    query = selection_query(rest)
+    return linked("/") + (f"?{query}" if query else "")
+
+
+def _marked(summary: BurstSummary) -> Marked:
+    burst, best = summary.burst, summary.preferred
+    answer = best.answer if best else None
+    said = f"{burst.burst_id}: {answer.sentence if answer else 'no answer'}"
+    longitude = _estimate(answer.phi0_deg, answer.phi0_low_deg, answer.phi0_high_deg) if answer else None
+    wind = _estimate(answer.v_sw_km_s, answer.v_sw_low_km_s, answer.v_sw_high_km_s) if answer else None
+    return Marked(
+        burst.start_utc, longitude, wind, answer.grade if answer else "D", said, linked(f"/bursts/{burst.burst_id}")
+    )
+
+
+def _estimate(value: float | None, low: float | None, high: float | None) -> Estimate | None:
+    return None if value is None or low is None or high is None else Estimate(value, low, high)

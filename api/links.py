@@ -1,10 +1,15 @@
-"""Addresses within the service, as its readers know them: behind a proxy they begin with a prefix."""
+"""Addresses of bursts, solutions and days, as the readers of the service know them: behind a proxy with a prefix."""
 
 import re
 from contextvars import ContextVar
+from datetime import date, timedelta
+from urllib.parse import urlencode
 
 from starlette.requests import Request
 from starlette.types import ASGIApp, Receive, Scope, Send
+
+from bella.catalogue import Burst, Solution
+from bella.records import REAL_ORIGINS, Origin
 
 FORWARDED = b"x-forwarded-prefix"
 """Header in which a proxy on this machine says what it puts before every path."""
@@ -69,3 +74,43 @@ def _forwarded(scope: Scope) -> str:
         return ""
     given = next((value.decode("latin-1") for name, value in scope["headers"] if name == FORWARDED), "").rstrip("/")
     return given if _PREFIX_PATTERN.fullmatch(given) else ""
+
+
+API = "/api/v1"
+
+
+def zarr_path(solution: Solution) -> str:
+    """Address path of the Zarr group of a solution."""
+    return f"{API}/solutions/{solution.solution_id}/posterior.zarr"
+
+
+def figure_path(solution: Solution, name: str) -> str:
+    """Address path of a figure of a solution."""
+    return linked(f"{API}/solutions/{solution.solution_id}/figures/{name}")
+
+
+def day_links(day: date, origin: Origin = Origin.ARCHIVE) -> dict[str, str]:
+    """Addresses of everything about a searched day; those of simulated and test data ask for their origin."""
+    base = linked(f"{API}/days/{day}")
+    asked = {} if origin in REAL_ORIGINS else {"origin": origin.value}
+    received = urlencode({"start": day, "stop": day + timedelta(days=1), **asked})
+    tail = f"?{urlencode(asked)}" if asked else ""
+    return {
+        "self": f"{base}{tail}",
+        "page": linked(f"/days/{day}{tail}"),
+        "figure": f"{base}/figure.svg{tail}",
+        "detections": linked(f"{API}/detections?{received}"),
+    }
+
+
+def burst_links(burst: Burst) -> dict[str, str]:
+    """Addresses of everything about a burst."""
+    base = linked(f"{API}/bursts/{burst.burst_id}")
+    parts = ("versions", "track", "posterior", "events")
+    figures = {f"figure_{name}": f"{base}/figures/{name}.svg" for name in ("constellation", "spectra")}
+    return {
+        "self": base,
+        "page": linked(f"/bursts/{burst.burst_id}"),
+        **{part: f"{base}/{part}" for part in parts},
+        **figures,
+    }

@@ -1,14 +1,25 @@
 """What may stand in the query of an address. An unknown parameter is refused: a misspelt filter must not be ignored."""
 
+from collections.abc import Container
 from dataclasses import replace
 from datetime import date, datetime
 from typing import Annotated, Any, Literal
 from urllib.parse import urlencode
 
-from fastapi import Path
-from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Field, WithJsonSchema, field_validator
+from fastapi import Path, Request
+from pydantic import (
+    AfterValidator,
+    BaseModel,
+    BeforeValidator,
+    ConfigDict,
+    Field,
+    ValidationError,
+    WithJsonSchema,
+    field_validator,
+)
 from pydantic_core import PydanticCustomError
 
+from api.errors import worded
 from bella.answer import Grade
 from bella.catalogue import RANGES, BurstQuery, DetectionQuery, EventQuery, Solution, SolutionQuery, SourceQuery
 from bella.exceptions import InputError, NoDataError
@@ -485,3 +496,27 @@ def _existing(
     known = sorted({f"{s.series.edge}/{s.series.method}/{s.series.preset} v{s.version}" for s in solutions})
     has = ", ".join(known) or "none at all"
     raise NoDataError(f"this burst has no such series: {asked or 'none was published'}; {burst_id} has {has}")
+
+
+def asked_of(request: Request, lists: Container[str] = ()) -> dict[str, Any]:
+    """Query of the address, as the form of a page writes it: with empty fields, lists repeated.
+
+    Parameters
+    ----------
+    request : Request
+    lists : container of str
+        Names of the fields that may be repeated.
+
+    Returns
+    -------
+    dict
+    """
+    query = request.query_params
+    return {name: query.getlist(name) if name in lists else query[name] for name in dict.fromkeys(query)}
+
+
+def fault_words(error: InputError | ValidationError) -> str:
+    """What is wrong with a question, in one line."""
+    if isinstance(error, ValidationError):
+        return "; ".join(worded({**fault, "loc": ("query", *fault["loc"])}) for fault in error.errors())
+    return str(error)

@@ -1,4 +1,4 @@
-"""The pages' templates, and how numbers and times are written in them."""
+"""The pages' templates, and how numbers, times, flags and reasons are written in them."""
 
 from collections.abc import Iterable, Mapping
 from datetime import UTC, datetime, timedelta
@@ -13,12 +13,47 @@ from jinja2 import Environment, FileSystemLoader, StrictUndefined, pass_context
 from jinja2.runtime import Context
 
 from api.links import linked_text, own_path
-from api.wording import answer_class, answer_words, flag_meaning, reason_words
 from bella import __version__
 from bella.answer import interval_68, wind_gap, written_68, written_wind
 from bella.catalogue import Solution
+from bella.flags import COMPANION_FLAGS, FLAGS
 from bella.plotting import KINDS, edge_name
+from bella.records import DayAnswer
 from bella.spacecraft import OBSERVATORIES
+
+
+def flag_meaning(flag: str) -> str:
+    """What a quality flag means, for a reader of the page."""
+    return (FLAGS | COMPANION_FLAGS).get(flag, flag.replace("_", " "))
+
+
+NOT_COMPARED = "its position is not known, so it was not compared with others"
+
+
+_ANSWERS = {
+    DayAnswer.NO_DATA: "the archives were asked and have no file of this day.",
+    DayAnswer.ARCHIVE_SILENT: "an archive could not be asked, so it is not known whether there are files of this day.",
+    DayAnswer.NOT_SEARCHABLE: "there are files, but a burst could not be found in them whatever the Sun did.",
+    DayAnswer.NO_BURST: "the spectra were searched, and no burst was found in them.",
+    DayAnswer.NOT_LOCALISABLE: "bursts were found, but none could be localised.",
+    DayAnswer.LOCALISED: "at least one burst was localised.",
+}
+
+
+def answer_words(answer: DayAnswer) -> str:
+    """What an answer about a day means, for a reader of the page."""
+    return _ANSWERS[answer]
+
+
+def answer_class(answer: DayAnswer) -> str:
+    """Name of an answer in style sheets, such as answer-no-burst."""
+    return f"answer-{answer.value.replace(' ', '-')}"
+
+
+def reason_words(reason: str) -> str:
+    """Why a burst was not localised, or a candidate refused, for a reader of the page."""
+    return reason.removeprefix("not localisable: ").replace("_", " ").replace(" mhz", " MHz")
+
 
 TEMPLATES = Path(__file__).parent / "templates"
 MINUS, DASH = "\N{MINUS SIGN}", "\N{EN DASH}"

@@ -9,13 +9,10 @@ from urllib.parse import urlencode
 from pydantic import ConfigDict, Field
 from typing_extensions import TypeAliasType
 
-from api.addresses import API, burst_links, zarr_path
-from api.calibration import CalibrationReply, calibration_of
-from api.event_replies import LinkedEventReply
-from api.links import linked
-from api.replies import ORIGIN, PageReply, Reply
-from api.wording import APPARENT_SOURCE
+from api.links import API, burst_links, linked, zarr_path
+from api.replies import ORIGIN, CalibrationReply, LinkedEventReply, PageReply, Reply, calibration_of
 from bella.catalogue import BurstSummary, Retraction, Solution, Submission
+from bella.flags import APPARENT_SOURCE
 from bella.linked_events import Link
 from bella.records import JointTrack, Origin
 

@@ -1,15 +1,43 @@
-"""The server process: uvicorn, with time limits on clients that send slowly. ``python -m api.serve --port 8000``."""
+"""The server process: uvicorn, with time limits on clients that send slowly. ``python -m api.serve --port 8000``.
+
+uvicorn writes the usual phrase of a status; HAPI wants its code there: a reply with the header ``X-HAPI-Status`` has
+the words of it after that phrase.
+"""
 
 import argparse
 import asyncio
 import socket
 from collections.abc import Sequence
+from http import HTTPStatus
 from typing import Any
 
 import h11
 import uvicorn
+from uvicorn.protocols.http.h11_impl import H11Protocol
 
-from api.reason_phrases import PhrasedProtocol
+STATUS_HEADER = "X-HAPI-Status"
+LARGEST_HEAD_BYTES = 16_384
+"""Of a request."""
+
+
+class _Phrased(h11.Connection):
+    def send(self, event: h11.Event) -> bytes | None:  # type: ignore[override]  # its overloads say no more
+        """Bytes of an event; the status line of a response has the words of its header."""
+        if isinstance(event, h11.Response):
+            words = dict(event.headers).get(STATUS_HEADER.lower().encode())
+            if words is not None:
+                reason = HTTPStatus(event.status_code).phrase.encode() + b"; " + words
+                event = h11.Response(status_code=event.status_code, headers=event.headers, reason=reason)
+        return super().send(event)
+
+
+class PhrasedProtocol(H11Protocol):
+    """HTTP/1.1 of uvicorn with the phrases of :data:`STATUS_HEADER`."""
+
+    def __init__(self, *arguments: Any, **more: Any) -> None:
+        super().__init__(*arguments, **more)
+        self.conn = _Phrased(h11.SERVER, LARGEST_HEAD_BYTES)
+
 
 HEAD_S, BODY_S = 10.0, 30.0
 """Longest time that a client may take to send the head of a request, and its body of at most a few MB."""
@@ -18,7 +46,6 @@ GRACE_S = 3
 """Time to finish replies when the process is told to end: a stream of alerts would never finish by itself."""
 MOST_CONNECTIONS = 500
 """Connections at a time; above, those that have been sending the head of a request for longest are closed."""
-LARGEST_HEAD_BYTES = 16_384
 
 
 class TimedProtocol(PhrasedProtocol):
@@ -88,7 +115,6 @@ def options() -> dict[str, Any]:
         "http": TimedProtocol,
         "timeout_keep_alive": KEEP_ALIVE_S,
         "timeout_graceful_shutdown": GRACE_S,
-        "h11_max_incomplete_event_size": LARGEST_HEAD_BYTES,
         "log_level": "warning",
         "proxy_headers": True,
     }

@@ -1,24 +1,32 @@
-"""What the catalogue holds as published tables, and replies in the format that is asked for."""
+"""What the catalogue holds as published tables, and replies in the format that is asked for.
+
+Long ones are written while they are read: from one moment of the catalogue, with one page of it in memory.
+"""
 
 from collections.abc import Callable, Generator, Iterable, Iterator, Mapping
 from contextlib import closing
+from contextvars import copy_context
 from dataclasses import asdict, dataclass
 from datetime import datetime
 from functools import partial
 from itertools import chain, islice
+from threading import BoundedSemaphore
 from typing import Annotated, Any, Literal
 
+from anyio import CancelScope
 from fastapi import Request, Response
+from fastapi.responses import StreamingResponse
 from pydantic import BaseModel, Field, WithJsonSchema
+from starlette.concurrency import run_in_threadpool
+from starlette.types import Receive, Scope, Send
 
 from api.errors import NotAcceptableError
-from api.freshness import is_known, last_modified, not_modified, tag_of
+from api.freshness import REVALIDATE, WITHOUT_BODY, is_known, last_modified, not_modified, tag_of
 from api.links import linked
 from api.queries import BurstFilter, DetectionFilter, EventFilter, SolutionChoice
-from api.streaming import streamed
-from api.wording import APPARENT_SOURCE
 from bella.catalogue import BurstPage, BurstQuery, BurstSummary, Catalogue, Detection
-from bella.exceptions import InputError
+from bella.exceptions import BusyError, InputError
+from bella.flags import APPARENT_SOURCE
 from bella.formats import (
     BURSTS,
     DETECTIONS,
@@ -32,6 +40,63 @@ from bella.formats import (
     record_table,
 )
 from bella.pipeline.rows import Row, all_bursts, batches, burst_row, localisation_rows, track_rows
+
+AT_ONCE = 8
+"""Replies that are streamed at a time: each holds a connection to the database until its reader has it all."""
+
+_FREE = BoundedSemaphore(AT_ONCE)
+
+
+def streamed(request: Request, pieces: Generator[bytes], media_type: str, headers: dict[str, str]) -> Response:
+    """Reply of these pieces; what fails before the first one is an error like any other.
+
+    Parameters
+    ----------
+    request : Request
+    pieces : generator of bytes
+        Its steps run in several threads, one after the other, and see one context (so that a snapshot holds).
+    media_type : str
+    headers : dict of str to str
+
+    Raises
+    ------
+    BusyError
+        Where `AT_ONCE` replies are streamed already.
+    """
+    headers = {"Cache-Control": REVALIDATE, **headers}
+    if request.scope.get(WITHOUT_BODY):
+        return StreamingResponse(iter(()), media_type=media_type, headers=headers)
+    running = _in_one_context(pieces)
+    return _Streamed(next(running), running, media_type, headers)
+
+
+def _in_one_context(pieces: Generator[bytes]) -> Generator[bytes]:
+    if not _FREE.acquire(blocking=False):
+        raise BusyError(f"{AT_ONCE} large replies are being sent already: try again, or ask page by page")
+    context = copy_context()
+    try:
+        while (piece := context.run(next, pieces, None)) is not None:
+            yield piece
+    finally:
+        context.run(pieces.close)
+        _FREE.release()
+
+
+class _Streamed(StreamingResponse):
+    """A reply whose pieces end with it, also where its reader goes away."""
+
+    def __init__(self, first: bytes, rest: Generator[bytes], media_type: str, headers: dict[str, str]) -> None:
+        self._rest = rest
+        pieces: Iterator[bytes] = chain([first], rest)
+        super().__init__(pieces, media_type=media_type, headers=headers)
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        try:
+            await super().__call__(scope, receive, send)
+        finally:
+            with CancelScope(shield=True):
+                await run_in_threadpool(self._rest.close)
+
 
 FORMAT = Field(None, description="Without it, as the Accept header says.")
 FormatName = Annotated[str | None, WithJsonSchema({"type": "string", "enum": [*FORMATS]})]

@@ -7,20 +7,19 @@ from fastapi import APIRouter, Request, Response
 from fastapi.responses import HTMLResponse
 from markupsafe import Markup
 
-from api.addresses import burst_links, day_links
-from api.calibration import calibration_of
 from api.drawing import BurstView, Looked
 from api.freshness import file_tag, tag_of
-from api.links import linked, site_url
+from api.links import burst_links, day_links, linked, site_url
 from api.pages.days import place_of
 from api.pages.track import track_page
 from api.queries import CHOICES
 from api.rendering import render, series_query, written_interval
+from api.replies import calibration_of
 from api.routers.bursts import versions_of
 from api.routers.figures import METHOD, file_reply
 from api.routers.solutions import sources_of
 from api.schemas import SolutionReply
-from api.service import CatalogueHere, ServiceHere
+from api.service import CatalogueHere, Service, ServiceHere
 from bella.answer import GRADES
 from bella.catalogue import Burst, Catalogue, Solution
 from bella.exceptions import NoDataError
@@ -47,6 +46,11 @@ NO_TABLE = "tfcat"
 @router.get("/bursts/{burst_id}")
 def burst_page(request: Request, burst_id: str, service: ServiceHere, catalogue: CatalogueHere) -> HTMLResponse:
     """Everything about one burst, as the query of the address says."""
+    with catalogue.snapshot():
+        return _page(request, burst_id, service, catalogue)
+
+
+def _page(request: Request, burst_id: str, service: Service, catalogue: Catalogue) -> HTMLResponse:
     summary = catalogue.burst(burst_id)
     burst, view = summary.burst, BurstView.lenient(request.query_params)
     looked = Looked(service, catalogue, summary, view)

@@ -11,11 +11,10 @@ from fastapi.responses import HTMLResponse, RedirectResponse
 from markupsafe import Markup
 from pydantic import ValidationError
 
-from api.addresses import burst_links
-from api.asking import asked_of, fault_words
-from api.queries import NEWEST_FIRST, BurstFilter
+from api.drawing import sector_address, selection_of, selection_query
+from api.links import burst_links
+from api.queries import NEWEST_FIRST, BurstFilter, asked_of, fault_words
 from api.rendering import render
-from api.selection import sector_address, selection_of, selection_query
 from api.service import CatalogueHere
 from bella.answer import GRADES
 from bella.catalogue import BurstPage, BurstQuery, BurstSummary, Catalogue

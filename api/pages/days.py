@@ -16,15 +16,12 @@ from fastapi.responses import HTMLResponse
 from markupsafe import Markup
 from pydantic import ValidationError
 
-from api.addresses import day_links
-from api.asking import asked_of, fault_words
 from api.freshness import tag_of
-from api.links import linked, site_url
-from api.queries import DayFilter
-from api.rendering import render
+from api.links import day_links, linked, site_url
+from api.queries import DayFilter, asked_of, fault_words
+from api.rendering import NOT_COMPARED, answer_words, render
 from api.routers.figures import file_reply
-from api.service import CatalogueHere, ServiceHere
-from api.wording import NOT_COMPARED, answer_words
+from api.service import CatalogueHere, Service, ServiceHere
 from bella.catalogue import BurstQuery, Catalogue, DayPage, DaySummary, Detection, DetectionQuery, ObservedDay
 from bella.exceptions import InputError, NoDataError
 from bella.flags import LOCALISABLE, REJECTED
@@ -177,6 +174,11 @@ def calendar_file(request: Request, kind: Kind, catalogue: CatalogueHere) -> Res
 @router.get("/days/{day}")
 def day_page(request: Request, day: str, service: ServiceHere, catalogue: CatalogueHere) -> HTMLResponse:
     """What was found on a searched day, drawn and in tables."""
+    with catalogue.snapshot():
+        return _page(request, day, service, catalogue)
+
+
+def _page(request: Request, day: str, service: Service, catalogue: Catalogue) -> HTMLResponse:
     wanted = parse_day(day, "day")
     asked = _origins(request)
     known = catalogue.days(wanted, wanted, 1, asked).days

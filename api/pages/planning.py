@@ -8,9 +8,9 @@ from fastapi.responses import HTMLResponse
 from markupsafe import Markup
 from pydantic import ValidationError
 
-from api.asking import asked_of, fault_words
-from api.planning import DISTANCES_RSUN, GOOD_SHARE, ROUGH_SHARE, PlanningQuery, planning_map, verdict
+from api.queries import asked_of, fault_words
 from api.rendering import render
+from api.routers.observability import DISTANCES_RSUN, GOOD_SHARE, ROUGH_SHARE, PlanningQuery, planning_map, verdict
 from api.service import CatalogueHere
 from bella.catalogue import Catalogue, ObservedDay
 from bella.exceptions import InputError, NoDataError

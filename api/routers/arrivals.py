@@ -13,8 +13,7 @@ import pandas as pd
 import structlog
 from fastapi import APIRouter, Depends, Request
 
-from api.access import Submitter
-from api.errors import ForbiddenError, MediaTypeError, TooLargeError
+from api.errors import ForbiddenError, MediaTypeError, TooLargeError, UnauthorisedError
 from api.queries import SubmissionId
 from api.schemas import SubmissionReply
 from api.service import CatalogueHere, ServiceHere
@@ -22,10 +21,40 @@ from bella.arrivals import arrival_grid, locate_receivers, parse_arrivals
 from bella.catalogue import ANONYMOUS, submission_name
 from bella.exceptions import BusyError, InputError, NoDataError, StoreError
 
+AUTHORISED_SO = "send it as the header 'Authorization: Bearer TOKEN'; the operator makes one with bella token create"
+
+
+def _submitter(request: Request, service: ServiceHere, catalogue: CatalogueHere) -> str:
+    """Id of the token of a request; `ANONYMOUS` where submissions are open and it has none.
+
+    Raises
+    ------
+    UnauthorisedError
+        Where a token is needed and there is none, or none that is known.
+    ForbiddenError
+        Where it was revoked.
+    """
+    header = request.headers.get("authorization")
+    if header is None:
+        if service.settings.open_submissions:
+            return ANONYMOUS
+        raise UnauthorisedError(f"this needs a token: {AUTHORISED_SO}")
+    scheme, _, secret = header.partition(" ")
+    token = catalogue.token_of(secret.strip()) if scheme.lower() == "bearer" else None
+    if token is None:
+        raise UnauthorisedError(f"the token is not known: {AUTHORISED_SO}")
+    if token.revoked_utc is not None:
+        raise ForbiddenError(f"token {token.token_id} was revoked: ask the operator for another one")
+    return token.token_id
+
+
+Submitter = Annotated[str, Depends(_submitter)]
+
+
 router = APIRouter(prefix="/api/v1/arrivals", tags=["arrivals"])
 
 TABLE_TYPES = {"text/csv", "application/csv", "text/plain", "application/octet-stream", ""}
-HOW = "send it with curl --data-binary @arrivals.csv -H 'Content-Type: text/csv'"
+SENT_SO = "send it with curl --data-binary @arrivals.csv -H 'Content-Type: text/csv'"
 FORMULA = ("=", "+", "-", "@")
 """With these a spreadsheet begins a formula (OWASP, CSV injection)."""
 EDGE_NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_-]{0,63}")
@@ -39,7 +68,7 @@ async def _received(request: Request) -> bytes:
     largest = request.app.state.service.settings.max_submission_bytes
     kind = request.headers.get("content-type", "").partition(";")[0].strip().lower()
     if kind not in TABLE_TYPES:
-        raise MediaTypeError(f"an arrival table is CSV, not {kind[:60]}; {HOW}")
+        raise MediaTypeError(f"an arrival table is CSV, not {kind[:60]}; {SENT_SO}")
     body = bytearray()
     async for chunk in request.stream():
         body += chunk

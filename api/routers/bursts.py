@@ -1,4 +1,4 @@
-"""Bursts, their versions, tracks and posteriors."""
+"""Bursts, their versions, tracks, posteriors and arrival times, and the tables over many of them."""
 
 import json
 import math
@@ -10,8 +10,8 @@ from typing import Annotated, Any
 from fastapi import APIRouter, Query, Request, Response
 from fastapi.responses import PlainTextResponse
 
-from api.addresses import zarr_path
 from api.freshness import last_modified
+from api.links import zarr_path
 from api.queries import BurstId, BurstSelection, FrequencyChoice, SolutionChoice, one_per_edge
 from api.queries import chosen as chosen_solution
 from api.schemas import (
@@ -21,6 +21,7 @@ from api.schemas import (
     PosteriorReply,
     RegionsReply,
     SolutionReply,
+    TableReply,
     TrackFitReply,
     TrackReply,
     VersionReply,
@@ -31,22 +32,26 @@ from api.service import CatalogueHere, Service, ServiceHere
 from api.tables import (
     BURST_TABLE,
     JSON,
+    LOCALISATION_TABLE,
+    TRACK_TABLE,
+    ArrivalChoice,
     BurstTableFilter,
     TableChoice,
     asked_format,
     burst_table_reply,
     in_all_formats,
     next_address,
+    table_of_rows,
     table_reply,
     whole_list,
 )
-from api.wording import APPARENT_SOURCE
 from bella.catalogue import BurstSummary, Catalogue, Localisation, Solution
 from bella.exceptions import NoDataError
-from bella.formats import LOCALISATIONS, localisation_csv, record_table
+from bella.flags import APPARENT_SOURCE
+from bella.formats import ARRIVALS, LOCALISATIONS, localisation_csv, record_table
 from bella.formats.text import json_list
 from bella.pipeline.page_figures import summary_of
-from bella.pipeline.rows import localisation_rows
+from bella.pipeline.rows import arrival_rows, localisation_rows
 from bella.plotting import edge_name, selected_regions
 
 router = APIRouter(prefix="/api/v1", tags=["bursts"])
@@ -246,3 +251,31 @@ def _record(row: Localisation) -> dict[str, Any]:
         name: None if isinstance(value, float) and not math.isfinite(value) else value
         for name, value in columns.items()
     }
+
+
+tables = APIRouter(prefix="/api/v1", tags=["tables"])
+
+IN_ALL_FORMATS = in_all_formats("The table.", TableReply)
+
+
+@tables.get("/tracks", response_class=Response, responses=IN_ALL_FORMATS)
+def tracks(request: Request, catalogue: CatalogueHere, wanted: Annotated[BurstTableFilter, Query()]) -> Response:
+    """Parker spiral of each burst that a query finds, one row per burst: joint fit of its preferred solution."""
+    return burst_table_reply(request, catalogue, wanted, asked_format(request, wanted.format), TRACK_TABLE)
+
+
+@tables.get("/localisations", response_class=Response, responses=IN_ALL_FORMATS)
+def localisations(request: Request, catalogue: CatalogueHere, wanted: Annotated[BurstTableFilter, Query()]) -> Response:
+    """Sources of the bursts that a query finds, one row per frequency: preferred solutions; the limit counts bursts."""
+    return burst_table_reply(request, catalogue, wanted, asked_format(request, wanted.format), LOCALISATION_TABLE)
+
+
+@tables.get("/bursts/{burst_id}/arrivals", response_class=Response, responses=IN_ALL_FORMATS)
+def arrivals(
+    request: Request, burst_id: BurstId, service: ServiceHere, choice: Annotated[ArrivalChoice, Query()]
+) -> Response:
+    """Arrival times that one solution of a burst was made from, with errors and positions of receivers."""
+    chosen = asked_format(request, choice.format)
+    solution = pick(service.catalogue(), burst_id, choice)
+    rows = arrival_rows(solution, service.posterior(solution), choice.observatory)
+    return table_reply(chosen, table_of_rows(ARRIVALS, rows, burst=burst_id), f"{burst_id}_arrivals")

@@ -6,11 +6,10 @@ from typing import Annotated, Any, Literal
 from fastapi import APIRouter, Depends, Path, Query, Request, Response
 from pydantic import Field
 
-from api.drawing import BurstView, Looked
+from api.drawing import BurstView, Looked, selection_of, selection_query
 from api.freshness import REVALIDATE, file_tag, is_known, not_modified, tag_of
 from api.links import linked, site_url
 from api.queries import BurstId, BurstSelection, DayText, OriginChoice
-from api.selection import selection_of, selection_query
 from api.service import CatalogueHere, ServiceHere
 from bella.catalogue import Burst
 from bella.exceptions import NoDataError

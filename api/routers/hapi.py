@@ -12,10 +12,10 @@ from fastapi import APIRouter, Request, Response
 from fastapi.responses import HTMLResponse, JSONResponse
 
 from api.hapi_datasets import DATASETS, MOST_RECORDS, START, HapiDataset, last_instant
-from api.reason_phrases import STATUS_HEADER
+from api.serve import STATUS_HEADER
 from api.service import ServiceHere
-from api.wording import APPARENT_SOURCE
 from bella.exceptions import BellaError, UnreachableError
+from bella.flags import APPARENT_SOURCE
 from bella.formats.hapi import (
     OUTPUT_FORMATS,
     STATUS,

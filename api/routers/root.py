@@ -11,12 +11,14 @@ from fastapi import APIRouter, Request, Response
 from fastapi.responses import HTMLResponse
 from pydantic import Field
 
-from api.addresses import API
-from api.links import linked
+from api.links import API, linked
 from api.rendering import render
 from api.replies import Reply
 from api.service import CatalogueHere
 from bella import __version__
+from bella.answer import GRADES
+from bella.flags import COMPANION_FLAGS, FLAGS
+from bella.records import DayAnswer
 
 router = APIRouter(tags=["service"])
 
@@ -177,3 +179,9 @@ def _schemas(described: Mapping[str, Any]) -> dict[str, tuple[str, str]]:
     """Name, meaning and JSON of every schema of a reply."""
     known = described["components"]["schemas"]
     return {name: (one.get("description", ""), json.dumps(one, indent=1)) for name, one in sorted(known.items())}
+
+
+@router.get("/guide", include_in_schema=False)
+def guide_page(request: Request) -> HTMLResponse:
+    """How to read a burst, what the words and flags mean, and how to cite."""
+    return render(request, "guide.html", grades=GRADES, flags=FLAGS | COMPANION_FLAGS, answers=list(DayAnswer))

@@ -5,10 +5,10 @@ from typing import Annotated, Literal
 from fastapi import APIRouter, Query, Request, Response
 from fastapi.responses import FileResponse
 
-from api.calibration import CalibrationReply, calibration_of
 from api.freshness import IMMUTABLE, last_modified
 from api.queries import SolutionFilter, SolutionId, SourceFilter
 from api.ranges import ranged
+from api.replies import CalibrationReply, calibration_of
 from api.schemas import (
     FileReply,
     FilesReply,

@@ -29,6 +29,7 @@ _CONNECT_TIMEOUT_S = 10
 _WRITES = "bella_writes"
 # SQLSTATE classes: serialisation failure and deadlock, lock not available, too many connections
 _TRY_AGAIN_STATES = ("40001", "40P01", "55P03", "53300")
+_BEGIN = text("SELECT count(*) FROM stage_run WHERE stage_run_id < 0")
 _snapshot: ContextVar[tuple[Engine, Connection] | None] = ContextVar("snapshot", default=None)
 
 
@@ -182,7 +183,7 @@ def snapshot(engine: Engine) -> Iterator[None]:
     """Let everything that is read in this block, and in this thread, come from one moment."""
     with reading(engine) as connection:
         # a transaction begins with its first statement, not before
-        connection.execute(text("SELECT count(*) FROM stage_run WHERE stage_run_id < 0"))
+        connection.execute(_BEGIN)
         token = _snapshot.set((engine, connection))
         try:
             yield

@@ -233,7 +233,7 @@ def _check_arrivals(edge: str, frequencies: int, written: dict[str, Path | None]
 
 
 def _arrivals_account(timed: "TimedBurst", asked: str, rows: "Timed") -> dict[str, Any]:
-    """What was timed: edges of each spacecraft, and the errors beyond those of the samples."""
+    """What was timed: edges of each spacecraft, and their errors in rise times, median."""
     return {
         "edge": timed.edge,
         "edge_asked": asked,
@@ -264,7 +264,7 @@ def _print_arrivals(timed: "TimedBurst", asked: str, rows: int, output: Path) ->
         say(f"Edge {timed.edge}: a shared profile needs three spacecraft with enough channels, and a fit")
     noise = timed.noise
     say(
-        f"Errors beyond those of the samples, as shares of the rise: {noise.shape_share:.3f} smooth along frequency, "
+        f"Errors as shares of the rise, median: {noise.shape_share:.3f} smooth along frequency, "
         f"{noise.channel_share:.3f} of each channel"
     )
     answer(f"{rows} arrival times of {len(account['spacecraft'])} spacecraft by {timed.edge} in {output}")

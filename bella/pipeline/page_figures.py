@@ -149,7 +149,7 @@ def first_look_path(burst: Burst, solution: Solution, settings: Settings) -> Pat
 
 
 def keep_first_look(path: Path, look: FirstLook) -> None:
-    """Write a first look in place of earlier ones.
+    """Write a first look in place of earlier ones, those of other versions of its series too.
 
     Raises
     ------
@@ -158,8 +158,8 @@ def keep_first_look(path: Path, look: FirstLook) -> None:
     """
     with whole_file(path) as part:
         part.write_bytes(zlib.compress(look.model_dump_json().encode(), 9))
-    series = path.stem.rpartition("-")[0]
-    for other in path.parent.glob(f"{series}-*{path.suffix}"):
+    series = path.stem.rpartition(".v")[0]
+    for other in path.parent.glob(f"{series}.v*{path.suffix}"):
         if other != path:
             other.unlink(missing_ok=True)
 

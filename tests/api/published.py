@@ -16,7 +16,7 @@ import uvicorn
 import xarray as xr
 
 from api.app import create_app
-from api.reason_phrases import PhrasedProtocol
+from api.serve import PhrasedProtocol
 from bella.catalogue import Burst, Catalogue, Localisation, Publication, Series, Solution, SourceFile
 from bella.formats import localisation_records
 from bella.settings import Settings

@@ -7,7 +7,7 @@ from typing import Any
 import pytest
 from fastapi.testclient import TestClient
 
-from api.headers import CONTENT_SECURITY_POLICY
+from api.middleware import CONTENT_SECURITY_POLICY
 from tests.plotting.synthetic import BURST_ID
 
 OPERATIONS = {

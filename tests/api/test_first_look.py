@@ -128,10 +128,11 @@ def test_what_is_drawn_again_takes_the_place_of_what_was(home: Settings) -> None
     path = draw(home)
     other = path.with_name(path.name.replace("half_maximum", "half_rise"))
     older = path.with_name(f"{path.stem.rpartition('-')[0]}-0123456789abcdef{path.suffix}")
-    for one in (older, other):
+    version = path.with_name(path.name.replace(".v1-", ".v12-"))
+    for one in (older, version, other):
         one.write_bytes(b"")
     draw(home)
-    assert (path.is_file(), older.exists(), other.exists()) == (True, False, True)
+    assert (path.is_file(), older.exists(), version.exists(), other.exists()) == (True, False, False, True)
 
 
 def test_a_figure_has_another_tag_when_methods_were_added_beside_its_track(empty: Settings) -> None:

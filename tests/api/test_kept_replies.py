@@ -7,7 +7,7 @@ import pytest
 from fastapi.testclient import TestClient
 from sqlalchemy import Engine, event
 
-import api.kept
+import api.middleware
 from api.app import create_app
 from bella.catalogue import Catalogue
 from bella.settings import Settings
@@ -107,7 +107,7 @@ def test_errors_moments_and_what_needs_a_token_are_not_kept(client: TestClient, 
 def test_what_is_not_kept_is_not_sent_to_who_has_it(
     settings_with_figures: Settings, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(api.kept, "LARGEST_BYTES", 1)
+    monkeypatch.setattr(api.middleware, "LARGEST_BYTES", 1)
     with TestClient(create_app(settings_with_figures)) as reader:
         solution = reader.get(BURST).json()["preferred_solution"]
         for address in (LIST, f"{LIST}?limit=%61ll", f"/api/v1/solutions/{solution}/figures/wind"):
@@ -119,7 +119,7 @@ def test_what_is_not_kept_is_not_sent_to_who_has_it(
 
 
 def test_kept_replies_grow_old(client: TestClient, statements: list[str], monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(api.kept, "AGE_S", -1.0)
+    monkeypatch.setattr(api.middleware, "AGE_S", -1.0)
     client.get(LIST)
     statements.clear()
     client.get(LIST)
@@ -130,7 +130,7 @@ def test_kept_replies_grow_old(client: TestClient, statements: list[str], monkey
 def test_kept_replies_make_room(
     filled: Settings, statements: list[str], monkeypatch: pytest.MonkeyPatch, most: int, is_read: bool
 ) -> None:
-    monkeypatch.setattr(api.kept, "MOST_BYTES", most)
+    monkeypatch.setattr(api.middleware, "MOST_BYTES", most)
     with TestClient(create_app(filled)) as client:
         client.get(LIST)
         client.get(f"{LIST}?limit=2")

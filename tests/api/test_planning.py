@@ -5,7 +5,7 @@ import re
 import pytest
 from fastapi.testclient import TestClient
 
-from api import planning
+from api.routers import observability as planning
 from tests.api.test_pages import page
 
 ASKED = "day=2013-05-13&observatory=Wind&observatory=STA&observatory=STEREO-B"

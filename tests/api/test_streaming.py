@@ -15,7 +15,7 @@ from urllib.parse import urlsplit
 import pytest
 from fastapi.testclient import TestClient
 
-from api import streaming
+from api import tables
 from api.app import create_app
 from bella.catalogue import Catalogue
 from bella.settings import Settings
@@ -106,7 +106,7 @@ def test_a_long_reply_is_of_one_moment(settings: Settings, address: str) -> None
 
 
 def test_a_reader_that_goes_away_holds_nothing(settings: Settings, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(streaming, "_FREE", BoundedSemaphore(1))
+    monkeypatch.setattr(tables, "_FREE", BoundedSemaphore(1))
     ended: list[str] = []
     of_one_moment = Catalogue.snapshot
 
@@ -133,7 +133,7 @@ def test_a_reader_that_goes_away_holds_nothing(settings: Settings, monkeypatch: 
 def test_one_too_many_is_asked_to_come_again(settings: Settings, monkeypatch: pytest.MonkeyPatch) -> None:
     taken = BoundedSemaphore(1)
     taken.acquire()
-    monkeypatch.setattr(streaming, "_FREE", taken)
+    monkeypatch.setattr(tables, "_FREE", taken)
     with TestClient(create_app(settings)) as reader:
         reply = reader.get(ADDRESSES[0])
         assert (reply.status_code, int(reply.headers["retry-after"]) > 0) == (503, True)

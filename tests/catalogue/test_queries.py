@@ -429,3 +429,20 @@ def test_bursts_beyond_the_most_make_room(catalogue: Catalogue) -> None:
         assert found == ["A", "B", "C"]
         assert len(kept._kept) == 2
         assert len(queries.bursts(catalogue._engine, BurstQuery(), kept).bursts) == 3
+
+
+def test_joint_fits_are_those_of_the_tracks_without_their_profiles(catalogue: Catalogue) -> None:
+    for name, fits in (("A", {"track_fit": fitted(26.0)}), ("B", {"track_fit": fitted(-40.0)}), ("C", {})):
+        catalogue.publish(publication(of=burst(name), **fits))
+    some = [one.solutions[0] for one in catalogue.bursts().bursts]
+    statements: list[str] = []
+    event.listen(catalogue._engine, "before_cursor_execute", lambda *args: statements.append(args[2]))
+    for _ in range(2):
+        found = catalogue.joints_of(some)
+        assert len([one for one in statements if one.startswith("SELECT")]) == 1, "read once"
+        assert {name.partition(".")[0] for name in found} == {"A", "B"}
+    for one in some[:2]:
+        track = catalogue.track(one.solution_id)
+        assert track is not None
+        assert found[one.solution_id] == track.joint.model_copy(update={"profile": ()})
+    assert found[some[0].solution_id].phi0_deg.q50 == 26.0

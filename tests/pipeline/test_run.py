@@ -21,7 +21,9 @@ from api.app import create_app
 from bella.bursts.timing import SHARED
 from bella.catalogue import BurstQuery, Catalogue, DetectionQuery
 from bella.pipeline.day_files import DayFiles, Mirror
+from bella.pipeline.draw import Drawn, complete
 from bella.pipeline.outcome import OVERTAKEN, DayOutcome, UnfinishedError, check_finished
+from bella.pipeline.page_figures import first_look_path, kept_first_look
 from bella.pipeline.run import Direct, Run, process_day, process_days
 from bella.pipeline.workers import Workers
 from bella.records import DayAnswer, Origin
@@ -124,6 +126,20 @@ def test_bursts_of_a_day_are_localised_where_they_were(refined: Refined) -> None
             assert np.median(off) < 8.0, name
             assert {one.dataset for one in catalogue.sources(solution.solution_id)} <= set(DATASETS)
             assert catalogue.track_fit(solution.solution_id)["joint"]["times"] > 40
+
+
+def test_what_pages_show_at_first_is_drawn_with_the_run(refined: Refined) -> None:
+    with closing(Catalogue.open(refined.settings.catalogue_url)) as catalogue:
+        for name in names(refined.late.localised) | names(refined.late.preliminary):
+            summary = catalogue.burst(name)
+            assert summary.preferred is not None
+            look = kept_first_look(first_look_path(summary.burst, summary.preferred, refined.settings))
+            assert look is not None
+            assert {"constellation", "spectra"} <= set(look.figures)
+            assert ("evolution" in look.figures) == (summary.preferred.answer.tier == "final")
+            track = catalogue.track_fit(summary.preferred.solution_id)
+            assert complete([Drawn(summary.preferred, track)])
+            assert not complete([Drawn(summary.preferred, track | {"companions_pending": True})])
 
 
 def utc(moment: np.datetime64) -> datetime:
