@@ -46,11 +46,18 @@ DELAY_LENGTH_LN_F = 1.0
 """Correlation length of ``delay_sd_s``: errors of edges whose light curves differ in width between spacecraft keep 0.5
 to 0.9 of their correlation over 0.8 in ln f (46 simulated bursts)."""
 
+SCALE_POWER = 0.75
+"""Errors of edges grow with this power of the rise along a burst. In proportion to the rise (1) they are less likely by
+1 in ln L for each of 2012-06-07 and 2020-07-21."""
+
 MIN_OBSERVATORIES = 3
 MAX_ROWS = 100_000
 SPACE_AGE = (1957, 2200)
 LONGEST_BURST_H = 6.0
 FARTHEST_RECEIVER_RSUN = 100 * AU_RSUN
+UNSYMMETRIC = 1e-6
+"""Over its largest element, by which a covariance may differ from its transpose."""
+
 ROUNDING = 1e-9
 """Eigenvalues this far below zero, over the largest, are zeros: times on one smooth curve have such."""
 
@@ -155,6 +162,23 @@ class ArrivalGrid:
         return np.where(absent[:, :, None] | absent[:, None, :], np.nan, covariance)
 
 
+def error_scale_s(rise_s: FloatArray) -> FloatArray:
+    """What errors of edges are shares of: less than the rise where it is long, and more where it is short.
+
+    Parameters
+    ----------
+    rise_s : ndarray, shape (N,)
+        Half widths of the rise of the channels of one burst, s.
+
+    Returns
+    -------
+    ndarray, shape (N,)
+        s; with the geometric mean of the rises.
+    """
+    middle_s = np.exp(np.log(rise_s).mean())
+    return np.asarray(middle_s * (rise_s / middle_s) ** SCALE_POWER)
+
+
 def evenly_spread(frequency_mhz: FloatArray, most: int) -> IntArray:
     """Places of frequencies that are spread evenly in logarithm.
 
@@ -174,47 +198,13 @@ def evenly_spread(frequency_mhz: FloatArray, most: int) -> IntArray:
 
 
 def read_arrivals(path: Path, received_by: int = MIN_OBSERVATORIES) -> pd.DataFrame:
-    """Read and check an arrival table from a CSV file.
-
-    Parameters
-    ----------
-    path : Path
-    received_by : int
-        So many observatories there must be.
-
-    Returns
-    -------
-    pandas.DataFrame
-        As :func:`check_arrivals` returns it.
-
-    Raises
-    ------
-    InputError
-        If the file cannot be read, or names the row and column that is wrong.
-    """
-    return check_arrivals(parse_table(read_table_text(path), str(path)), source=str(path), received_by=received_by)
+    """Read an arrival table from a CSV file, and check it as :func:`check_arrivals` does."""
+    return parse_arrivals(read_table_text(path), source=str(path), received_by=received_by)
 
 
-def parse_arrivals(text: str, *, source: str = "arrival table") -> pd.DataFrame:
-    """Parse and check an arrival table from the text of a CSV file.
-
-    Parameters
-    ----------
-    text : str
-    source : str
-        What the table is called in error messages.
-
-    Returns
-    -------
-    pandas.DataFrame
-        As :func:`check_arrivals` returns it.
-
-    Raises
-    ------
-    InputError
-        Names the row and column that is wrong.
-    """
-    return check_arrivals(parse_table(text, source), source=source)
+def parse_arrivals(text: str, *, source: str = "arrival table", received_by: int = MIN_OBSERVATORIES) -> pd.DataFrame:
+    """Read an arrival table from the text of a CSV file, and check it as :func:`check_arrivals` does."""
+    return check_arrivals(parse_table(text, source), source=source, received_by=received_by)
 
 
 def check_arrivals(
@@ -257,15 +247,22 @@ def check_arrivals(
             "edge": _text(frame, "edge", source),
             "flag": _flag(frame),
             **_positions(frame, source),
-            **{name: _nuisance(frame, name, source) for name in NUISANCE},
+            **{
+                name: _optional(frame, name, source, 0.0, (-DAY_S if name == "delay_s" else 0.0, DAY_S))
+                for name in NUISANCE
+            },
         }
     )
-    given = _nuisance(frame, RISE, source)
+    given = _optional(frame, RISE, source, 0.0, (0.0, DAY_S))
     table[RISE] = np.where(given > 0, given, rise_s(table["frequency_mhz"].to_numpy()))
     table.attrs = {SHAPE_LENGTH: _shape_length(frame, source)}
     table["observatory"] = _known_names(table, source)
     _check_rows_agree(table, source)
-    _check_observatories(table, source, received_by)
+    names = sorted(set(table["observatory"]))
+    if len(names) < received_by:
+        raise InputError(
+            f"{source}: column observatory: only {', '.join(names)}; timing needs {received_by} or more spacecraft"
+        )
     return table
 
 
@@ -353,16 +350,12 @@ def check_covariance(covariance_s2: FloatArray, rows: int, *, source: str = "cov
         raise InputError(
             f"{source}: covariance_s2 is {covariance_s2.shape}, the table has {rows} rows; give those of one run"
         )
-    if not np.isfinite(covariance_s2).all() or not _is_symmetric(covariance_s2):
+    apart = np.abs(covariance_s2 - covariance_s2.T).max()  # small elements are differences of large ones
+    if not apart <= UNSYMMETRIC * np.abs(covariance_s2).max():
         raise InputError(f"{source}: covariance_s2 is not symmetric and finite; give what bella arrivals wrote")
     value = np.linalg.eigvalsh(covariance_s2)
     if value[0] < -ROUNDING * value[-1] or value[-1] <= 0:
         raise InputError(f"{source}: covariance_s2 is not that of errors; no eigenvalue may be below 0")
-
-
-def _is_symmetric(matrix: FloatArray) -> bool:
-    """Whether it is, to a millionth of its largest element: small ones are differences of large ones."""
-    return bool(np.abs(matrix - matrix.T).max() <= 1e-6 * np.abs(matrix).max())
 
 
 def locate_receivers(frame: pd.DataFrame, *, source: str = "arrival table") -> pd.DataFrame:
@@ -534,34 +527,26 @@ def _time(frame: pd.DataFrame, source: str) -> npt.NDArray[np.datetime64]:
 
 def _positions(frame: pd.DataFrame, source: str) -> dict[str, FloatArray]:
     given = [name for name in POSITION if name in frame.columns]
-    if not given:
-        return {name: np.full(len(frame), np.nan) for name in POSITION}
-    if len(given) < len(POSITION):
+    if given and len(given) < len(POSITION):
         lacking = next(name for name in POSITION if name not in given)
         raise InputError(f"{source}: column {lacking} is missing; give all of {', '.join(POSITION)} or none")
-    empty = frame[list(POSITION)].apply(lambda column: column.isna() | (column.astype(str).str.strip() == ""))
-    for name in POSITION:
-        _reject((empty[name] & ~empty.all(axis=1)).to_numpy(), frame, name, source, "is empty; give all three or none")
-    return {name: _coordinate(frame, name, source, empty[name].to_numpy()) for name in POSITION}
-
-
-def _coordinate(frame: pd.DataFrame, name: str, source: str, empty: npt.NDArray[np.bool_]) -> FloatArray:
-    values = pd.to_numeric(frame[name], errors="coerce").to_numpy(dtype=np.float64)
-    _reject(~empty & ~np.isfinite(values), frame, name, source, "is not a number")
-    far = ~empty & ~(np.abs(values) <= FARTHEST_RECEIVER_RSUN)
-    _reject(far, frame, name, source, "is farther than 100 au; positions are in solar radii")
+    limits = (-FARTHEST_RECEIVER_RSUN, FARTHEST_RECEIVER_RSUN)
+    values = {name: _optional(frame, name, source, np.nan, limits) for name in POSITION}
+    empty = np.isnan(list(values.values()))
+    for name, lacks in zip(given, empty, strict=False):
+        _reject(lacks & ~empty.all(axis=0), frame, name, source, "is empty; give all three or none")
     return values
 
 
-def _nuisance(frame: pd.DataFrame, name: str, source: str) -> FloatArray:
-    """Values of a column that may be absent or have empty fields, which stand for 0."""
+def _optional(frame: pd.DataFrame, name: str, source: str, absent: float, limits: tuple[float, float]) -> FloatArray:
+    """Values of a column that may be absent or have empty fields, which stand for `absent`."""
     if name not in frame:
-        return np.zeros(len(frame))
+        return np.full(len(frame), absent)
     empty = (frame[name].isna() | (frame[name].astype(str).str.strip() == "")).to_numpy()
-    values = np.where(empty, 0.0, pd.to_numeric(frame[name], errors="coerce").to_numpy(dtype=np.float64))
-    low = -DAY_S if name == "delay_s" else 0.0
-    wrong = ~((values >= low) & (values <= DAY_S))
-    _reject(wrong, frame, name, source, f"is not a number between {low:g} and {DAY_S:g}")
+    values = np.where(empty, absent, pd.to_numeric(frame[name], errors="coerce").to_numpy(dtype=np.float64))
+    low, high = limits
+    wrong = ~empty & ~((values >= low) & (values <= high))
+    _reject(wrong, frame, name, source, f"is not a number between {low:g} and {high:g}")
     return values
 
 
@@ -594,11 +579,3 @@ def _known_names(table: pd.DataFrame, source: str) -> pd.Series:
 def _is_plain(name: str) -> bool:
     """Whether it can be an alias: "+wind" and names with control characters are none of Wind."""
     return name[:1].isalnum() and name.isprintable()
-
-
-def _check_observatories(table: pd.DataFrame, source: str, received_by: int) -> None:
-    names = sorted(set(table["observatory"]))
-    if len(names) < received_by:
-        raise InputError(
-            f"{source}: column observatory: only {', '.join(names)}; timing needs {received_by} or more spacecraft"
-        )

@@ -222,7 +222,7 @@ def test_a_name_that_would_be_read_as_a_comment_is_refused() -> None:
         (",10,11,-1", ",10,,-1", "row 2, column y_rsun: '' is empty; give all three or none"),
         (",10,11,-1", ",10,nan,-1", "row 2, column y_rsun: 'nan' is not a number"),
         (",10,11,-1", ",10,11,inf", "row 2, column z_rsun: 'inf' is not a number"),
-        (",10,11,-1", ",1e9,11,-1", "row 2, column x_rsun: '1e9' is farther than 100 au"),
+        (",10,11,-1", ",1e9,11,-1", "row 2, column x_rsun: '1e9' is not a number between -21503.2 and 21503.2"),
         ("z_rsun", "other", "column z_rsun is missing; give all of"),
     ],
 )

@@ -70,7 +70,6 @@ BAND_MARGIN = 1.15
 """Channels so far beyond those that the search saw are looked at too, and all up to `HIGHEST_MHZ`."""
 
 OUTLIER = "outlier"
-NOISE_COLUMNS = ("shape_sd_s", "offset_sd_s", "delay_sd_s", "rise_s")
 DRIFT_STEPS = 8
 """Frequencies at which the arrival times of a spacecraft have to follow one another."""
 
@@ -204,9 +203,9 @@ def spectrum_edges(spectrum: xr.Dataset, edge: str = HALF_RISE, window_utc: Wind
     measured = _measured(spectrum, window_utc)
     start = measured["time"].to_numpy()[0].astype("datetime64[ns]")
     light = light_curves(measured, start)
-    found = _light_curve_edges(light, edge, None)
-    frame = _edge_frame(light, found, edge, start)
-    return frame.assign(sigma_s=np.hypot(frame["sigma_s"], _sample_time_sd_s(measured)))
+    timed, flags = _alone([light], edge)
+    sigma_s = np.hypot(timed.channel_sd_s, _sample_time_sd_s(measured))
+    return _edge_frame(replace(timed, channel_sd_s=sigma_s), flags, edge, start)
 
 
 def light_curves(spectrum: xr.Dataset, start: np.datetime64) -> LightCurves:
@@ -254,7 +253,7 @@ def _sample_time_sd_s(spectrum: xr.Dataset) -> FloatArray:
     return np.nan_to_num(spectrum["sample_time_sd_s"].to_numpy().astype(np.float64))
 
 
-def _light_curve_edges(light: LightCurves, edge: str, rises: RiseOfBurst | None) -> list[Edge]:
+def _light_curve_edges(light: LightCurves, edge: str, rises: RiseOfBurst) -> list[Edge]:
     if edge == HALF_RISE:
         averaging = SampleAveraging(light.integration_s, light.apart_s)
         return flank_edges(light.time_s, light.power, light.cadence_s, light.frequency_mhz, averaging, rises=rises)
@@ -267,16 +266,16 @@ def _light_curve_edges(light: LightCurves, edge: str, rises: RiseOfBurst | None)
     return [gauss_hermite_edge(times, column) for times, column in curves]
 
 
-def _edge_frame(light: LightCurves, found: Sequence[Edge], edge: str, start: np.datetime64) -> pd.DataFrame:
-    arrival_s = np.array([one.arrival_s for one in found], dtype=np.float64)
+def _edge_frame(timed: Timed, flags: npt.NDArray[np.object_], edge: str, start: np.datetime64) -> pd.DataFrame:
+    """One row per channel; NaT without an arrival time."""
     return pd.DataFrame(
         {
-            "observatory": light.observatory,
-            "frequency_mhz": light.frequency_mhz,
-            "arrival_utc": start + pd.to_timedelta(np.rint(arrival_s * 1e9), unit="ns").to_numpy(),
-            "sigma_s": np.array([one.sigma_s for one in found], dtype=np.float64),
+            "observatory": timed.observatory,
+            "frequency_mhz": timed.frequency_mhz,
+            "arrival_utc": start + pd.to_timedelta(np.rint(timed.arrival_s * 1e9), unit="ns").to_numpy(),
+            "sigma_s": timed.channel_sd_s,
             "edge": edge,
-            "flag": [one.flag for one in found],
+            "flag": flags,
         }
     )
 
@@ -368,7 +367,7 @@ def _profile_timed(parts: Sequence[xr.Dataset]) -> TimedBurst:
     fit = fit_profile([light_curves(part, reference) for part in parts])
     timed = Timed(
         *(fit.observatory, fit.frequency_mhz, fit.arrival_s, fit.rise_s, fit.independent_sd_s, fit.shared_s),
-        np.zeros(fit.arrival_s.size),
+        *(np.zeros(fit.arrival_s.size),) * 2,
     )
     return _with_noise(_with_clock(timed, parts), fit.flag, SHARED, reference, fit.collapsed)
 
@@ -396,6 +395,7 @@ def _alone(lights: Sequence[LightCurves], edge: str) -> tuple[Timed, npt.NDArray
         channel_sd_s=np.array([one.sigma_s for one in found], dtype=np.float64),
         shared_s=np.zeros((frequency.size, 0)),
         offset_s=np.zeros(frequency.size),
+        shape_sd_s=np.zeros(frequency.size),
     )
     return timed, np.array([one.flag for one in found], dtype=object)
 
@@ -410,22 +410,10 @@ def _with_noise(
     flags = flags.copy()
     flags[good[wrong]] = OUTLIER
     kept = estimate_noise(timed.take(good[~wrong]))
-    arrival_s = np.full(flags.size, np.nan)
-    arrival_s[good[~wrong]] = kept.arrival_s
-    columns = {name: np.full(flags.size, np.nan) for name in ("sigma_s", *NOISE_COLUMNS)}
-    for name, values in noise_columns(kept).items():
-        columns[name][good[~wrong]] = values
-    edges = pd.DataFrame(
-        {
-            "observatory": timed.observatory,
-            "frequency_mhz": timed.frequency_mhz,
-            "arrival_utc": reference + pd.to_timedelta(np.rint(arrival_s * 1e9), unit="ns").to_numpy(),
-            "sigma_s": columns["sigma_s"],
-            "edge": edge,
-            "flag": flags,
-            **{name: columns[name] for name in NOISE_COLUMNS},
-        }
-    )
+    noise = pd.DataFrame({"arrival_s": kept.arrival_s, **noise_columns(kept)}, index=good[~wrong])
+    noise = noise.reindex(range(flags.size))
+    edges = _edge_frame(replace(timed, arrival_s=noise.pop("arrival_s").to_numpy()), flags, edge, reference)
+    edges = edges.assign(**{str(name): values for name, values in noise.items()})
     return TimedBurst(edges, edge, kept, reference, collapsed)
 
 
@@ -482,7 +470,8 @@ def arrivals_at(timed: TimedBurst, frequency_mhz: FloatArray) -> Timed:
     """
     enough = np.isin(timed.noise.observatory.astype(str), list(timed.bands_mhz))
     if not enough.any() or not np.size(frequency_mhz):
-        raise InputError("no spacecraft has enough edges in common frequencies for a table: widen the band or the time")
+        why = "no spacecraft has enough edges in common frequencies"
+        raise InputError(f"{why}: widen the band or the time, or take channels (--per-channel)")
     return at_frequencies(timed.noise.take(np.flatnonzero(enough)), np.asarray(frequency_mhz, dtype=np.float64))
 
 

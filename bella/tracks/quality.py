@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.special import chdtrc, logsumexp
 
-from bella.arrivals import SHAPE_LENGTH_LN_F, ArrivalGrid
+from bella.arrivals import SHAPE_LENGTH_LN_F, ArrivalGrid, error_scale_s
 from bella.records import Parameter
 from bella.tracks.likelihood import Likelihood, evidence_of
 from bella.tracks.posterior import Nodes, around_the_circle, cells, climb
@@ -147,11 +147,12 @@ def with_shape(
 
 
 def _shape_s2(likelihood: Likelihood) -> FloatArray:
-    """Covariance of a smooth error of one rise, with its part in each channel."""
+    """Covariance of a smooth error of one rise in the middle of the burst, with its part in each channel."""
     rows, column = likelihood.seen.rows, likelihood.seen.observatory
     apart = np.subtract.outer(*2 * [np.log(rows.frequency_mhz)])
     smooth = np.where(column[:, None] == column, np.exp(-0.5 * (apart / SHAPE_LENGTH_LN_F) ** 2), 0.0)
-    return np.asarray(np.outer(rows.rise_s, rows.rise_s) * (smooth + CHANNEL_PART**2 * np.eye(column.size)))
+    scale_s = error_scale_s(rows.rise_s)
+    return np.asarray(np.outer(scale_s, scale_s) * (smooth + CHANNEL_PART**2 * np.eye(column.size)))
 
 
 def doubted(likelihood: Likelihood) -> Likelihood:

@@ -1,11 +1,13 @@
 """The track of a burst: bursts of laws the fit does not know, symmetries, flags, and bad input."""
 
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
+import pandas as pd
 import pytest
 
-from bella.arrivals import ArrivalGrid
+from bella.arrivals import ArrivalGrid, arrival_grid, check_arrivals, locate_receivers
 from bella.exceptions import InputError
 from bella.heliosphere.scattering import NO_DELAY, DirectionalDelay
 from bella.tracks import TrackFit, TrackModel, fit_track, measured_wind
@@ -207,6 +209,23 @@ def test_misfit_is_flagged_on_both_sides(change, flag) -> None:  # type: ignore[
 
     both = {"errors_too_large", "poor_fit"} & set(record.flags)
     assert both == ({flag} if flag else set())
+
+
+def test_times_of_which_some_are_on_another_time_scale_are_not_those_of_one_source(reference_files: Path) -> None:
+    stored = pd.read_csv(reference_files / "arrivals/20190409_semp_leading_edge.csv")  # PSP is 69.184 s late there
+    stored = stored.drop_duplicates(["spacecraft", "freq_mhz"])
+    table = pd.DataFrame(
+        {
+            "observatory": stored["spacecraft"].str.replace("_", "-").str.upper(),
+            "frequency_mhz": stored["freq_mhz"],
+            "arrival_utc": stored["t_utc_as_stored"],
+            "sigma_s": 10.0,
+            "edge": "by hand",
+        }
+    )
+    record = fitted(arrival_grid(locate_receivers(check_arrivals(table)), received_by=1)).record
+
+    assert {"beam_speed_unlikely", "not_one_source"} <= set(record.flags)
 
 
 def test_a_clock_on_another_time_scale_is_named() -> None:

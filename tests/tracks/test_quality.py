@@ -6,6 +6,8 @@ import numpy as np
 import pytest
 
 from bella.records import Parameter
+from bella.tracks.fit import is_no_spiral
+from bella.tracks.model import WindPrior
 from bella.tracks.quality import Quality, shared_band
 from tests.tracks.foreign import FOUR, Burst
 
@@ -58,3 +60,23 @@ def test_the_shared_band_is_where_a_third_spacecraft_was_timed(received: int) ->
     four = Burst().arrivals(receivers=FOUR)
     four.arrival_s[received:, 2] = np.nan
     assert shared_band(four) == 1.0
+
+
+@pytest.mark.parametrize(
+    ("measured", "sd", "prior", "expected"),
+    [
+        (1.0, 100.0, WindPrior(), False),  # nothing is measured
+        (1.0, 100.0, WindPrior(0.5, 0.4), False),  # nor here, though winds above 1500 km/s have 0.28 beforehand
+        (0.45, 0.16, WindPrior(0.5, 0.4), False),  # a fast wind, with 0.13
+        (0.30, 0.16, WindPrior(), False),  # 1300 km/s fit as well as faster ones
+        (-0.3, 0.16, WindPrior(), True),  # the longitude grows with distance
+        (0.0, 0.10, WindPrior(), True),  # it stays
+    ],
+)
+def test_only_winds_that_explain_more_than_fast_spirals_do_exclude_a_spiral(
+    measured: float, sd: float, prior: WindPrior, expected: bool
+) -> None:
+    slowness = np.linspace(-2.0, 4.0, 60_001)
+    log = -0.5 * ((slowness - prior.slowness) / prior.slowness_sd) ** 2 - 0.5 * ((slowness - measured) / sd) ** 2
+    weight = np.exp(log - log.max())
+    assert is_no_spiral(400.0 / np.clip(slowness, 0.1, 3.0), weight / weight.sum(), prior) is expected
