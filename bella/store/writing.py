@@ -159,14 +159,16 @@ def write_group(group: xr.Dataset | xr.DataTree, path: Path) -> None:
     if path.exists():
         raise StoreError(f"{path} is there already and groups are never replaced: name another")
     staged = stage_group(group, path.parent)
-    verify_group(staged, group)
     folder = staged.with_suffix("")
-    with _written(folder, path.parent), zipfile.ZipFile(staged) as packed:
-        packed.extractall(folder)
-        flush_tree(folder)
-        folder.rename(path)
-    staged.unlink()
-    staged.parent.rmdir()
+    try:
+        verify_group(staged, group)
+        with _written(folder, path.parent), zipfile.ZipFile(staged) as packed:
+            packed.extractall(folder)
+            flush_tree(folder)
+            folder.rename(path)
+    finally:
+        staged.unlink()
+        staged.parent.rmdir()
 
 
 def copy_group(root: Path, store_path: str, sha256: str, target: Path) -> None:

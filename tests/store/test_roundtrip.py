@@ -1,6 +1,7 @@
 """What is written is what is read, byte for byte, also by plain xarray."""
 
 import warnings
+from errno import ENOSPC
 from pathlib import Path
 
 import numpy as np
@@ -13,6 +14,7 @@ from hypothesis.extra import numpy as arrays
 from bella.exceptions import StoreError
 from bella.store import (
     content_sha256,
+    copy_group,
     open_group,
     open_tree,
     packed_folder,
@@ -227,6 +229,28 @@ def test_a_group_outside_a_store_is_a_folder_that_plain_xarray_opens(tmp_path: P
     with pytest.raises(StoreError, match="could not be written"):
         write_group(posterior().assign_attrs(catalogue=object()), tmp_path / "other.zarr")
     assert [one.name for one in tmp_path.iterdir() if one.name != ".staging"] == ["draws.zarr"]
+
+
+def test_a_disk_that_fills_up_leaves_nothing_of_a_group_outside_a_store(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def full(_folder: Path) -> None:
+        raise OSError(ENOSPC, "No space left on device")
+
+    monkeypatch.setattr("bella.store.writing.flush_tree", full)
+    with pytest.raises(StoreError, match="No space left on device"):
+        write_group(posterior(), tmp_path / "draws.zarr")
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_copy_is_compared_with_its_checksum(root: Path, tmp_path: Path) -> None:
+    sha256 = published(posterior(), root)
+    copy_group(root, NAME, sha256, tmp_path / "one")
+    xr.testing.assert_identical(open_group(tmp_path / "one", NAME), posterior())
+    with pytest.raises(StoreError, match="does not match its checksum"):
+        copy_group(root, NAME, "0" * 64, tmp_path / "two")
+    with pytest.raises(StoreError, match="is not in the store"):
+        copy_group(tmp_path, NAME, sha256, tmp_path / "three")
 
 
 def test_folders_of_older_versions_are_packed_without_a_change(tmp_path: Path) -> None:
