@@ -99,7 +99,10 @@ def test_figures_are_drawn(files: list[str], tmp_path: Path) -> None:
             "--edge first_photon: choose one of shared_profile",
         ),
         (["--around", AROUND, "--frequencies", "0"], "--frequencies 0 is not between 1 and 1000"),
-        (["--around", "2012-06-09T00:00"], "no spacecraft shows a burst around"),
+        (
+            ["--around", "2012-06-09T00:00"],
+            "no spacecraft shows a burst around 2012-06-09T00:00:00: the spectra are of 2012-06-07T",
+        ),
         (["--around", AROUND, "--covariance", "/nowhere/c.nc"], "folder /nowhere does not exist"),
     ],
 )

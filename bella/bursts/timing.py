@@ -470,7 +470,8 @@ def arrivals_at(timed: TimedBurst, frequency_mhz: FloatArray) -> Timed:
     """
     enough = np.isin(timed.noise.observatory.astype(str), list(timed.bands_mhz))
     if not enough.any() or not np.size(frequency_mhz):
-        raise InputError("no spacecraft has enough edges in common frequencies for a table: widen the band or the time")
+        why = "no spacecraft has enough edges in common frequencies"
+        raise InputError(f"{why}: widen the band or the time, or take channels (--per-channel)")
     return at_frequencies(timed.noise.take(np.flatnonzero(enough)), np.asarray(frequency_mhz, dtype=np.float64))
 
 

@@ -22,7 +22,7 @@ from bella.cli.output import (
     write_csv,
     write_whole,
 )
-from bella.exceptions import BellaError, InputError
+from bella.exceptions import BellaError, InputError, NoDataError
 from bella.flags import REJECTED
 from bella.times import parse_day
 
@@ -42,7 +42,7 @@ DETECT_EPILOG = (
 ARRIVALS_EPILOG = "Example: bella arrivals sta.cdf wind.cdf psp.nc --around 2020-07-21T02:53 --output arrivals.csv"
 FORMATS_EPILOG = "Example: bella formats --quirks --json"
 SIMULATE_EPILOG = "Example: bella simulate archive --days 2 --seed 7 --from 2021-11-20"
-MOST_FREQUENCIES = 1000
+MOST_FREQUENCIES, FAR_S = 1000, 3600.0
 MOST_SIMULATED_DAYS = 366
 PRODUCT_COLUMNS = ("name", "mission", "naming", "cadence", "quantity", "verified")
 
@@ -198,6 +198,11 @@ def arrivals(  # noqa: PLR0913, PLR0917 - one argument per option
 def _around(pieces: "list[FleetPiece]", moment: "np.datetime64") -> "dict[str, xr.Dataset]":
     """Spectra of about a time; those of other times are reported."""
     nearest = min(pieces, key=lambda piece: piece.apart_s(moment))
+    if nearest.apart_s(moment) > FAR_S:
+        raise NoDataError(
+            f"no spacecraft shows a burst around {str(moment)[:19]}: the spectra are of {str(nearest.first)[:19]} to "
+            f"{str(nearest.last)[:19]}; give a time of theirs, or other files"
+        )
     for piece in pieces:
         if piece is not nearest:
             names = ", ".join(str(name) for one in piece.spectra.values() for name in one.attrs["source_files"])

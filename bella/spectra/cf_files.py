@@ -7,7 +7,7 @@ import math
 import re
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from datetime import UTC, datetime
+from datetime import UTC, datetime, timedelta
 from importlib import resources
 from pathlib import Path
 from typing import Any
@@ -50,6 +50,8 @@ LOWEST_MHZ, IMPOSSIBLE_MHZ = 1e-3, 1e6
 
 FIRST, LAST = np.datetime64("1950-01-01", "ns"), np.datetime64("2060-01-01", "ns")
 DAY = np.timedelta64(1, "D")
+LEAP_SECOND = re.compile(r"^(.{10}.\d\d:\d\d:)60")
+"""Of text; datetime64 has none, so it is the first of the next day."""
 
 EVENT = "event_2012-06-07.nc"
 
@@ -307,6 +309,7 @@ def _in_our_units(spectrum: xr.Dataset, source: str) -> xr.Dataset:
                 f"{source}: coordinate 'frequency' reaches {np.nanmax(mhz):g} and has no unit: give it the attribute "
                 "units, Hz, kHz or MHz"
             )
+        mhz = np.where(mhz > 0.0, mhz, np.nan)
         spectrum = spectrum.assign_coords(frequency=(frequency.dims, mhz, {**frequency.attrs, "units": "MHz"}))
     values = spectrum["intensity"]
     if values.dtype.kind in "iuf":
@@ -333,8 +336,9 @@ def _instant(value: Any, source: str) -> np.datetime64:
     text = value.decode("ascii", "replace") if isinstance(value, bytes) else str(value)
     if getattr(value, "calendar", "standard") not in {"standard", "gregorian", "proleptic_gregorian"}:
         raise InputError(f"{source}: coordinate 'time' is in the calendar {value.calendar!r}: convert it to UTC")
+    plain, is_leap = LEAP_SECOND.subn(r"\g<1>59", text.strip())
     try:
-        moment = datetime.fromisoformat(text.strip())
+        moment = datetime.fromisoformat(plain) + timedelta(seconds=is_leap)
     except ValueError as error:
         raise InputError(
             f"{source}: coordinate 'time' holds {text!r}, which is no time: write UTC as 2012-06-07T19:30:00"

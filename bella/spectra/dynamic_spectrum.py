@@ -32,13 +32,16 @@ import xarray as xr
 
 from bella.exceptions import InputError
 from bella.spacecraft import FRAMES
-from bella.units import FloatArray
+from bella.units import R_SUN_KM, FloatArray
 
 QUANTITIES = ("db_over_background", "voltage_ratio", "psd_v2_hz", "flux_w_m2_hz", "relative_flux")
 """What ``intensity`` may be."""
 
 ATTRIBUTES = ("observatory", "receiver", "quantity", "integration_s", "source_files")
 POSITION, GEOCENTRIC = "position_km", "gse"
+FARTHEST_KM = 3e10
+"""200 au: no spacecraft is farther."""
+
 POSITION_FRAMES = (*FRAMES, GEOCENTRIC)
 """Frames of ``position_km``: those of the ephemeris, and the one that is centred on Earth."""
 
@@ -198,6 +201,14 @@ def _wrong_position(spectrum: xr.Dataset) -> str:
         return f"{POSITION!r} is in frame {stated.attrs.get('frame')!r}: use one of {', '.join(POSITION_FRAMES)}"
     if stated.attrs.get("units", "km") != "km":
         return f"variable {POSITION!r} is in {stated.attrs['units']}: convert it to km"
+    range_km = np.linalg.norm(stated.to_numpy(), axis=1)
+    is_of_earth = str(stated.attrs["frame"]).lower() == GEOCENTRIC
+    lowest_km = 0.0 if is_of_earth else R_SUN_KM
+    if (range_km < lowest_km).any() or (range_km > FARTHEST_KM).any():
+        return (
+            f"variable {POSITION!r} is {np.nanmin(range_km):.3g} to {np.nanmax(range_km):.3g} km from the centre of "
+            f"{'Earth' if is_of_earth else 'the Sun'}: correct its unit or frame"
+        )
     return ""
 
 

@@ -37,6 +37,9 @@ DATA_ENDINGS = (
 PICTURES = (".png", ".jpg", ".jpeg", ".gif", ".ico", ".pdf", ".pyc")
 """First bytes and endings of data that are not read here; endings of what is binary and no data."""
 
+HOME_MARK = "catalogue.sqlite"
+"""A folder with it holds results, and no spectra of anybody's."""
+
 BEFORE, AFTER = np.timedelta64(30, "m"), np.timedelta64(3, "h")
 """How much of the days around it belongs to a day: bursts are alone or not, and go on past midnight."""
 
@@ -184,6 +187,8 @@ def _all_in(folder: Path, above: frozenset[Path] = frozenset()) -> Iterator[Path
     above |= {folder.resolve()}
     for path in sorted(folder.iterdir()):
         if path.name.startswith("."):
+            continue
+        if (path / HOME_MARK).is_file():
             continue
         if not path.is_dir() or _is_store(path) or not os.access(path, os.R_OK | os.X_OK):
             yield path

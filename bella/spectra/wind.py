@@ -311,10 +311,11 @@ def _header_times(headers: list[tuple[int, ...]], source: str) -> npt.NDArray[np
     """
     calendar = np.full(len(headers), np.datetime64("NaT"), dtype="datetime64[s]")
     for row, header in enumerate(headers):
-        date = "{:04d}-{:02d}-{:02d}T{:02d}:{:02d}:{:02d}".format(*header[3:9])
+        is_leap = header[8] == 60
+        date = "{:04d}-{:02d}-{:02d}T{:02d}:{:02d}:{:02d}".format(*header[3:8], header[8] - is_leap)
         try:
             datetime.fromisoformat(date)  # numpy takes a damaged minute for an offset from UTC
-            calendar[row] = np.datetime64(date, "s")
+            calendar[row] = np.datetime64(date, "s") + np.timedelta64(int(is_leap), "s")
         except ValueError as error:
             raise InputError(f"{source}: record {row + 1} has the date {date}: download it again") from error
     second = np.array([header[2] for header in headers], dtype=np.int64)

@@ -123,6 +123,16 @@ def test_a_calendar_that_no_other_clock_has_is_refused(tmp_path: Path) -> None:
         open_spectra(path)
 
 
+def test_a_leap_second_of_the_calendar_is_the_next_second(tmp_path: Path) -> None:
+    utc = np.datetime64("2012-06-30T23:55:00", "ns") + np.arange(6) * 60 * SECOND
+    path = tmp_path / "wi_wa_rad1_l2_60s_20120630_v01.dat"
+    content = binary(path, utc)
+    struct.pack_into(">6h", content, 5 * (len(content) // 6) + 18, 2012, 6, 30, 23, 59, 60)
+    path.write_bytes(content)
+
+    np.testing.assert_array_equal(only(path)["time"].to_numpy(), utc)
+
+
 def test_a_record_whose_clock_jumped_is_left_out() -> None:
     time = UTC.copy()
     time[20] += 5 * 3600 * SECOND

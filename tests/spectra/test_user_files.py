@@ -79,6 +79,9 @@ SAME: dict[str, Change] = {
     "kilohertz": frequencies(MHZ * 1e3, "kilohertz"),
     "KHZ": frequencies(MHZ * 1e3, "KHZ "),
     "no unit": frequencies(MHZ, None),
+    "channel of zero": lambda one: xr.concat(
+        [one, one.isel(frequency=[0]).assign_coords(frequency=[0.0])], "frequency"
+    ),
     "late first": lambda one: one.isel(time=slice(None, None, -1)),
     "high first": lambda one: one.isel(frequency=slice(None, None, -1)),
     "shuffled": lambda one: one.isel(time=RANDOM.permutation(200)),
@@ -143,6 +146,14 @@ REFUSED: dict[str, tuple[Change, str]] = {
     "sample times far away": (
         lambda one: one.assign(sample_time=(("time", "frequency"), FAR)),
         "from the time of their",
+    ),
+    "au called km": (
+        lambda one: one.assign(position_km=("axis", [0.9, 0.1, 0.0], {"frame": "hee"})),
+        "correct its unit",
+    ),
+    "metres called km": (
+        lambda one: one.assign(position_km=("axis", [1.5e11, 0.0, 0.0], {"frame": "hee"})),
+        "1.5e+11 to 1.5e+11 km from the centre of the Sun",
     ),
     "offsets in ms": (lambda one: one.assign(sample_offset_s=("frequency", MHZ * 1e4)), "offsets in seconds"),
 }
@@ -295,3 +306,33 @@ def test_days_without_records_between_two_are_none(tmp_path: Path) -> None:
 
     assert [day.isoformat() for day in folder.days] == ["2012-06-07", "2020-08-24"]
     assert all(folder.read(day).spectra["STEREO-A"].sizes["time"] == 200 for day in folder.days)
+
+
+def test_results_in_a_folder_of_spectra_are_not_looked_at(tmp_path: Path) -> None:
+    written(tmp_path, lambda one: one)
+    home = tmp_path / "bella-home"
+    (home / "store").mkdir(parents=True)
+    (home / "catalogue.sqlite").write_bytes(b"SQLite format 3\0")
+    (home / "store" / "draws.nc").write_bytes(b"CDF\x01 and so on")
+
+    found = user_days(tmp_path)
+
+    assert [one.path.name for one in found.files] == ["mine.nc"]
+    assert (found.left_out, found.others) == ((), ())
+
+
+def test_a_leap_second_is_a_time(tmp_path: Path) -> None:
+    text = [f"2012-06-30T23:59:{second}Z" for second in ("58", "59", "60.250")] + ["2012-07-01T00:00:01Z"]
+    (read,) = open_spectra(
+        written(tmp_path, lambda one: raw_times(np.array(text, dtype=object))(one.isel(time=slice(0, 4))))
+    )
+
+    np.testing.assert_allclose(
+        (read["time"].to_numpy() - np.datetime64("2012-07-01")) / SECOND, [-2.0, -1.0, 0.25, 1.0]
+    )
+
+
+def test_wind_near_earth_is_a_position() -> None:
+    near = spectrum().assign(position_km=("axis", [3e4, 0.0, 0.0], {"frame": "gse"}))
+
+    assert as_spectrum(near, "x")["position_km"].shape == (200, 3)
