@@ -206,12 +206,17 @@ def test_groups_of_older_versions_become_files_and_nothing_else_changes(bella: C
             (settings.store_root / path).unlink()
             catalogue.note_packed(path, folder)
         assert catalogue.referenced_paths() == {one.store_path.removesuffix(".zip") for one in before}
+        burst_id = solutions[0].burst_id
+        assert catalogue.burst(burst_id).preferred.store_path.endswith(".zarr")
         fault = fault_of(bella("store", "verify"))
         assert (fault.exit_code, "3 of 3 groups are damaged" in str(fault)) == (1, True)
         assert "run `bella store pack` once" in bella("store", "verify", "--json").output
         said = bella("store", "pack").output.splitlines()[-1]
         assert said.startswith("3 of 3 groups were folders and are files now")
         assert catalogue.stored_groups() == before
+        read_again = catalogue.burst(burst_id)
+        assert read_again.preferred.store_path.endswith(".zip")
+        assert str(read_again.burst.spectra_path).endswith(".zip")
         assert [catalogue.solution(one.solution_id) for one in solutions] == solutions
         assert "0 of 3 groups were folders" in bella("store", "pack").output
         assert "3 groups in " in bella("store", "verify").output

@@ -3,7 +3,7 @@
 from datetime import UTC, datetime
 
 import structlog
-from sqlalchemy import Connection, Engine, select, update
+from sqlalchemy import Connection, Engine, or_, select, update
 
 from bella.catalogue.alerts import note_answer
 from bella.catalogue.engine import reading, writing
@@ -138,12 +138,19 @@ def note_pruned(engine: Engine, solution_id: str, store_path: str, store_sha256:
 def note_packed(engine: Engine, folder: str, store_path: str) -> None:
     """Let all that refers to the folder of a group refer to its file, in one commit; the folder is swept afterwards.
 
+    Bursts of it count as changed, so that a server that keeps what it has read reads their paths again.
+
     Parameters
     ----------
     engine : sqlalchemy.Engine
     folder, store_path : str
         Paths of the group before and after.
     """
+    packed = or_(_SOLUTIONS.c.store_path == store_path, _SOLUTIONS.c.spectra_path == store_path)
+    changed = or_(
+        _BURSTS.c.spectra_path == store_path, _BURSTS.c.burst_id.in_(select(_SOLUTIONS.c.burst_id).where(packed))
+    )
     with writing(engine) as connection:
         for column in (_SOLUTIONS.c.store_path, _SOLUTIONS.c.spectra_path, _BURSTS.c.spectra_path):
             connection.execute(update(column.table).where(column == folder).values({column.name: store_path}))
+        connection.execute(update(_BURSTS).where(changed).values(updated_utc=datetime.now(UTC)))
