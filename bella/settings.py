@@ -170,10 +170,6 @@ class Settings(BaseSettings):
         series = solution_id.removeprefix(f"{burst_id}.")
         return self.figures_root / burst_id / f"{name}-{series}.svg"
 
-    def fit_figure(self, burst_id: str, solution_id: str, name: str) -> Path:
-        """The same as a picture."""
-        return self.solution_figure(burst_id, solution_id, name).with_suffix(".png")
-
     def first_look(self, burst_id: str, solution_id: str, drawn_from: str) -> Path:
         """File of what the page of a burst shows of a solution at first; `drawn_from` is a digest."""
         series = solution_id.removeprefix(f"{burst_id}.")

@@ -15,6 +15,7 @@ from bella.arrivals import (
     arrivals_csv,
     check_arrivals,
     check_covariance,
+    error_scale_s,
     evenly_spread,
     locate_receivers,
     parse_arrivals,
@@ -411,3 +412,9 @@ def test_rounding_is_no_asymmetry_of_a_covariance_but_a_thousandth_is() -> None:
     covariance[0, 1] = 1e3
     with pytest.raises(InputError, match="symmetric"):
         check_covariance(covariance, 3)
+
+
+def test_errors_of_edges_grow_less_than_the_rise_about_its_middle() -> None:
+    scale_s = error_scale_s(np.array([10.0, 40.0, 160.0]))
+
+    np.testing.assert_allclose(scale_s, [40.0 * 0.25**0.75, 40.0, 40.0 * 4**0.75])

@@ -1,22 +1,20 @@
 """The page of one burst: its answer and figures first, then other answers, how sure it is, and all that is kept."""
 
-from typing import Any, Literal
+from typing import Any
 from urllib.parse import urlencode
 
-from fastapi import APIRouter, Request, Response
+from fastapi import APIRouter, Request
 from fastapi.responses import HTMLResponse
 from markupsafe import Markup
 
 from api.drawing import BurstView, Looked
-from api.freshness import file_tag, tag_of
-from api.links import burst_links, day_links, linked, site_url
+from api.links import burst_links, day_links, site_url
 from api.pages.days import place_of
 from api.pages.track import track_page
 from api.queries import CHOICES
 from api.rendering import render, series_query, written_interval
 from api.replies import calibration_of
 from api.routers.bursts import versions_of
-from api.routers.figures import METHOD, file_reply
 from api.routers.solutions import sources_of
 from api.schemas import SolutionReply
 from api.service import CatalogueHere, Service, ServiceHere
@@ -26,16 +24,9 @@ from bella.exceptions import NoDataError
 from bella.flags import APPARENT_SOURCE, HARMLESS_FLAGS
 from bella.formats import FORMATS
 from bella.plotting import (
-    Caption,
-    Kind,
-    exported,
-    origin_warning,
     selected_regions,
-    shared_profile_caption,
-    wind_map_caption,
 )
 from bella.records import REAL_ORIGINS, Origin, origins_beside
-from bella.settings import WIND_FIGURE
 
 router = APIRouter(include_in_schema=False)
 
@@ -96,30 +87,6 @@ def _page(request: Request, burst_id: str, service: Service, catalogue: Catalogu
         site_url=site_url(request),
         **track_page(looked, service.settings),
     )
-
-
-@router.get("/solutions/{solution_id}/figures/{name}.{kind}")
-def solution_figure(
-    request: Request, solution_id: str, name: Literal["wind", "shared-profile"], kind: Kind, service: ServiceHere
-) -> Response:
-    """A figure that the run has drawn of a solution, as a file with its caption.
-
-    Raises
-    ------
-    NoDataError
-        If it was not drawn.
-    """
-    catalogue = service.catalogue()
-    burst = catalogue.burst(catalogue.solution(solution_id).burst_id).burst
-    path = service.settings.solution_figure(burst.burst_id, solution_id, name)
-    if not path.is_file():
-        raise NoDataError(f"{name} of {solution_id} is not drawn: run the burst again")
-    text = wind_map_caption() if name == WIND_FIGURE else shared_profile_caption()
-    source = f"Cite: BELLA service, {site_url(request)}{linked(f'/api/v1/solutions/{solution_id}')}; {METHOD}"
-    retracted = f"Retracted burst: {burst.retracted.reason}." if burst.retracted else ""
-    caption = Caption(text, f"Burst {burst.burst_id}. {source}", retracted or origin_warning(burst.origin))
-    made = exported(path.read_text(encoding="utf-8"), caption, kind)
-    return file_reply(made, kind, f"{burst.burst_id}_{name}", tag_of((), file_tag(path), kind))
 
 
 def _spectra(looked: Looked) -> tuple[Markup | None, str]:

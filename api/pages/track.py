@@ -7,7 +7,7 @@ from typing import Any
 from markupsafe import Markup
 
 from api.drawing import Looked
-from api.links import linked
+from api.links import figure_path
 from bella.answer import interval_68
 from bella.catalogue import Solution
 from bella.flags import DISAGREE_SD
@@ -52,7 +52,7 @@ def _kept(solution: Solution, settings: Settings) -> list[tuple[str, Markup, str
     """Name, drawing and address of the figures that the run has drawn; a run may have been killed before it did."""
     paths = [(name, settings.solution_figure(solution.burst_id, solution.solution_id, name)) for name in FIGURES]
     return [
-        (name, Markup(path.read_text(encoding="utf-8")), linked(f"/solutions/{solution.solution_id}/figures/{name}"))  # noqa: S704
+        (name, Markup(path.read_text(encoding="utf-8")), figure_path(solution, name))  # noqa: S704
         for name, path in paths
         if path.is_file()
     ]

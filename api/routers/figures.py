@@ -9,7 +9,7 @@ from pydantic import Field
 from api.drawing import BurstView, Looked, selection_of, selection_query
 from api.freshness import REVALIDATE, file_tag, is_known, not_modified, tag_of
 from api.links import linked, site_url
-from api.queries import BurstId, BurstSelection, DayText, OriginChoice
+from api.queries import BurstId, BurstSelection, DayText, OriginChoice, SolutionId
 from api.service import CatalogueHere, ServiceHere
 from bella.catalogue import Burst
 from bella.exceptions import NoDataError
@@ -25,8 +25,11 @@ from bella.plotting import (
     origin_warning,
     residual_caption,
     selection_caption,
+    shared_profile_caption,
     spectra_caption,
+    wind_map_caption,
 )
+from bella.settings import WIND_FIGURE
 from bella.times import parse_day
 
 router = APIRouter(prefix="/api/v1", tags=["figures"], default_response_class=Response)
@@ -38,6 +41,7 @@ METHOD = "method: Cañizares et al. (2024), doi:10.1051/0004-6361/202347747."
 
 FigureName = Literal["constellation", "spectra", "evolution", "residuals"]
 SelectionFigure = Literal["longitude", "footpoints", "wind"]
+SolutionFigure = Literal["wind", "shared-profile"]
 KindHere = Annotated[Kind, Path(description="Kind of the file.", examples=["svg"])]
 THEME: Theme = "light"
 A_FIGURE: dict[int | str, dict[str, Any]] = {
@@ -109,6 +113,27 @@ def selection_figure(
     caption = Caption(selection_caption(name, len(found.bursts), found.total), source, warning)
     made = exported(figures[name], caption, kind, wanted.theme)
     return file_reply(made, kind, f"bella_{name}", tag_of((), hashlib.sha256(made).hexdigest()))
+
+
+@router.get("/solutions/{solution_id}/figures/{name}.{kind}", responses=A_FIGURE)
+def solution_figure(
+    request: Request, solution_id: SolutionId, name: SolutionFigure, kind: KindHere, service: ServiceHere
+) -> Response:
+    """The measured wind with the track in it, or the light curves on the profile that they share."""
+    catalogue = service.catalogue()
+    burst = catalogue.burst(catalogue.solution(solution_id).burst_id).burst
+    path = service.settings.solution_figure(burst.burst_id, solution_id, name)
+    if not path.is_file():
+        raise NoDataError(f"{name} of {solution_id} is not drawn: run the burst again")
+    warning = _warning(burst)
+    tag = tag_of((), file_tag(path), kind, warning)
+    if is_known(request, tag):
+        return not_modified(tag)
+    text = wind_map_caption() if name == WIND_FIGURE else shared_profile_caption()
+    address = _address(request, f"/api/v1/solutions/{solution_id}")
+    caption = Caption(text, f"Burst {burst.burst_id}. Cite: BELLA service, {address}; {METHOD}", warning)
+    made = exported(path.read_text(encoding="utf-8"), caption, kind)
+    return file_reply(made, kind, f"{burst.burst_id}_{name}", tag)
 
 
 @router.get("/days/{day}/figure.{kind}", responses=A_FIGURE)

@@ -1,9 +1,8 @@
 """Single solutions, and their Zarr groups as files: what is under these addresses never changes."""
 
-from typing import Annotated, Literal
+from typing import Annotated
 
 from fastapi import APIRouter, Query, Request, Response
-from fastapi.responses import FileResponse
 
 from api.freshness import IMMUTABLE, last_modified
 from api.queries import SolutionFilter, SolutionId, SourceFilter
@@ -20,13 +19,9 @@ from api.schemas import (
 from api.service import CatalogueHere, ServiceHere
 from api.tables import next_address
 from bella.catalogue import Catalogue
-from bella.exceptions import NoDataError
 from bella.store import file_of_group
 
 router = APIRouter(prefix="/api/v1", tags=["solutions"])
-
-FigureName = Literal["polar-fit", "density", "wind", "shared-profile"]
-"""`bella.settings.FIT_FIGURES`, `WIND_FIGURE` and `COLLAPSED_FIGURE`."""
 
 
 @router.get("/solutions")
@@ -98,15 +93,3 @@ def posterior_file(solution_id: SolutionId, key: str, service: ServiceHere, requ
     content = file_of_group(service.settings.store_root, group, key)
     kind = "application/json" if key.endswith(".json") else "application/octet-stream"
     return ranged(request, content, kind, {"Cache-Control": IMMUTABLE})
-
-
-@router.get(
-    "/solutions/{solution_id}/figures/{name}", responses={200: {"content": {"image/png": {}}}}, response_class=Response
-)
-def figure(solution_id: SolutionId, name: FigureName, service: ServiceHere) -> FileResponse:
-    """Figure of a solution, PNG: longitude or frequency against distance, its wind, or light curves on one profile."""
-    burst_id = service.catalogue().solution(solution_id).burst_id
-    path = service.settings.fit_figure(burst_id, solution_id, name)
-    if not path.is_file():
-        raise NoDataError(f"{name} of {solution_id} is not drawn: run the burst again")
-    return FileResponse(path, media_type="image/png", headers={"Cache-Control": IMMUTABLE})

@@ -25,13 +25,13 @@ SMOOTH_SHARE, SMOOTH_LN_SD = 0.01, 2.0
 """Median of the smooth error of a burst, in its rise, and standard deviation of the logarithm: simulated bursts have
 0.003 to 0.03, the real ones of 2012-06-07 and 2020-07-21 0.1."""
 
-EXCESS, EXCESS_LN_SD = 1.2, 0.6
+EXCESS = 1.2
 """Error of a channel beyond the one of the fit, over the latter. Errors are 1.4 to 1.9 times those of the fit at all
 cadences from 7 to 60 s and rises from 5 to 170 s (6000 channels of 60 simulated bursts); so they are in both real
 bursts."""
 
 CRAFT_LN_SD = 1.0
-"""By how much both differ between the spacecraft of a burst: standard deviation of their logarithms. In simulated
+"""Standard deviation of the logarithm of both between the spacecraft of a burst. In simulated
 bursts one sparse receiver in ten has errors ten times those of the others."""
 
 SHAPE_LENGTH_LN_F = 0.2
@@ -249,7 +249,7 @@ def estimate_noise(timed: Timed) -> Timed:
     timed = replace(timed, shape_sd_s=scale_s)
     thin = timed.take(spread_channels(timed, MOST_FOR_NOISE))
     names = list(dict.fromkeys(timed.observatory))
-    start = np.zeros(2 + 2 * len(names))
+    start = np.zeros(1 + 2 * len(names))
     start[0] = np.log(SMOOTH_START / SMOOTH_SHARE) / SMOOTH_LN_SD
     options = {"maxiter": STEPS_FOR_NOISE, "ftol": 1e-6}
     best = minimize(_Unlikely(thin, names), start, jac=True, method="L-BFGS-B", options=options).x
@@ -265,11 +265,8 @@ def estimate_noise(timed: Timed) -> Timed:
 
 def _errors(value: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Smooth error and excess of each spacecraft, shape (S,), by standard normal parameters, the burst's first."""
-    share, excess = value[2:].reshape(2, -1) * CRAFT_LN_SD
-    return (
-        SMOOTH_SHARE * np.exp(SMOOTH_LN_SD * value[0] + share),
-        EXCESS * np.exp(EXCESS_LN_SD * value[1] + excess),
-    )
+    share, excess = value[1:].reshape(2, -1) * CRAFT_LN_SD
+    return SMOOTH_SHARE * np.exp(SMOOTH_LN_SD * value[0] + share), EXCESS * np.exp(excess)
 
 
 class _Unlikely:
@@ -297,7 +294,7 @@ class _Unlikely:
         slope = inverse - np.outer(weighed, weighed)
         by_share = self.member @ (slope * smooth_s2).sum(axis=1)
         by_excess = self.member @ (np.diag(slope) * alone_s2)
-        burst = [SMOOTH_LN_SD * by_share.sum(), EXCESS_LN_SD * by_excess.sum()]
+        burst = [SMOOTH_LN_SD * by_share.sum()]
         return float(total), value + np.concatenate([burst, CRAFT_LN_SD * by_share, CRAFT_LN_SD * by_excess])
 
 

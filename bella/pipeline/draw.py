@@ -36,11 +36,9 @@ from bella.plotting import (
     day_figure,
     edge_name,
     origin_warning,
-    shared_profile_caption,
     shared_profile_figure,
     spectra_caption,
     spectra_figure,
-    wind_map_caption,
     write_figure,
     write_whole,
 )
@@ -115,12 +113,12 @@ def _draw(given: BurstInput, solutions: Sequence[Drawn], settings: Settings, aro
     for one, view in zip(positions, views, strict=True):
         if has_wind(view.track_fit):
             wind = wind_drawn(view.posterior, view.track_fit, around)
-            _keep(wind, Caption(wind_map_caption(), said, warning), wind_figure(one.solution, settings))
+            write_whole(wind_figure(one.solution, settings), wind)
             advance(1)
     if given.collapsed is not None:
         profile = shared_profile_figure(given.collapsed)
         for path in collapsed_figures(given, solutions, settings):
-            _keep(profile, Caption(shared_profile_caption(), said, warning), path)
+            write_whole(path, profile)
             advance(1)
     for one in complete(solutions):
         _keep_page(given, one, settings)
@@ -148,12 +146,6 @@ def page_path(given: BurstInput, drawn: Drawn, settings: Settings) -> Path:
 def complete(solutions: Sequence[Drawn]) -> list[Drawn]:
     """Solutions whose tracks nothing will be added to."""
     return [one for one in solutions if not one.track.get("companions_pending")]
-
-
-def _keep(drawn: str, caption: Caption, path: Path) -> None:
-    """Write a figure of a solution for the page, without a style of its own, and beside it as a picture."""
-    write_whole(path, drawn)
-    write_figure(path.with_suffix(".png"), drawn, caption)
 
 
 def figure_paths(given: BurstInput, solutions: Sequence[Drawn], settings: Settings) -> list[Path]:

@@ -70,5 +70,4 @@ def settings_with_figures(tmp_path: Path) -> Settings:
         figure = settings.solution_figure(solution.burst_id, solution.solution_id, name)
         figure.parent.mkdir(parents=True, exist_ok=True)
         figure.write_text(drawn(name, (10, 10), f"drawing of {name}"))
-        settings.fit_figure(solution.burst_id, solution.solution_id, name).write_bytes(b"\x89PNG\r\n\x1a\n")
     return settings

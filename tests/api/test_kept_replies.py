@@ -110,7 +110,7 @@ def test_what_is_not_kept_is_not_sent_to_who_has_it(
     monkeypatch.setattr(api.middleware, "LARGEST_BYTES", 1)
     with TestClient(create_app(settings_with_figures)) as reader:
         solution = reader.get(BURST).json()["preferred_solution"]
-        for address in (LIST, f"{LIST}?limit=%61ll", f"/api/v1/solutions/{solution}/figures/wind"):
+        for address in (LIST, f"{LIST}?limit=%61ll", f"/api/v1/solutions/{solution}/figures/wind.svg"):
             first = reader.get(address)
             assert (first.status_code, bool(first.content)) == (200, True)
             known = reader.get(address, headers={"If-None-Match": first.headers["etag"]})

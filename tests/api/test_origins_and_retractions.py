@@ -153,7 +153,7 @@ def test_a_kept_figure_of_a_solution_says_so(reader: TestClient, home: Settings,
     path = home.solution_figure(burst_id, solution, "wind")
     path.parent.mkdir(parents=True, exist_ok=True)
     path.write_text(figure("wind-map", (400, 100), "wind"))
-    assert said in reader.get(f"/solutions/{solution}/figures/wind.svg").text
+    assert said in reader.get(f"/api/v1/solutions/{solution}/figures/wind.svg").text
 
 
 def test_figures_of_a_selection_say_when_bursts_are_not_real(reader: TestClient) -> None:

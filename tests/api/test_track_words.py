@@ -235,7 +235,7 @@ def test_page_and_api_show_the_wind(tmp_path: Path) -> None:
             "Left out: sta.lst cannot be read.",
         ):
             assert words in text, words
-        (address,) = re.findall(r'href="(/solutions/[^"]+/figures/wind.svg)"', text)
+        (address,) = re.findall(r'href="(/api/v1/solutions/[^"]+/figures/wind.svg)"', text)
         assert "drawing of the wind" in text
         assert "the field line of this wind" in client.get(address).text.replace("</text>", " ")
         track = client.get(f"/api/v1/bursts/{BURST_ID}/track").json()["track_fit"]

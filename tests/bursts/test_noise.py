@@ -72,6 +72,11 @@ def test_noise_of_each_spacecraft_is_found_as_large_as_it_is(
         assert np.median([one.channel_sd_s[0] for one in own]) == pytest.approx(sd_s, abs=0.2, rel=0.35)
 
 
+def test_a_large_error_of_one_spacecraft_is_found_where_the_others_have_none() -> None:
+    found = estimate_noise(made(np.random.default_rng(0), (0.0, 0.4, 0.0), sd_s=3.0))
+    assert found.take(np.flatnonzero(found.observatory == "STEREO-A")).shape_share == pytest.approx(0.4, rel=0.5)
+
+
 def test_times_between_channels_are_true_within_their_errors() -> None:
     away = []
     for seed in range(6):

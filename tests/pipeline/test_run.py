@@ -163,7 +163,7 @@ def test_every_burst_is_in_the_catalogue_with_its_reason(refined: Refined) -> No
 def test_light_curves_on_their_shared_profile_are_drawn_for_bursts_timed_by_it(refined: Refined) -> None:
     solutions = [one.solution for one in refined.late.localised]
     drawn = {
-        one.solution_id: refined.settings.fit_figure(one.burst_id, one.solution_id, COLLAPSED_FIGURE).is_file()
+        one.solution_id: refined.settings.solution_figure(one.burst_id, one.solution_id, COLLAPSED_FIGURE).is_file()
         for one in solutions
     }
     assert drawn == {one.solution_id: one.series.edge == SHARED for one in solutions}
