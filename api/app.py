@@ -83,10 +83,6 @@ def create_app(settings: Settings | None = None) -> FastAPI:
     ----------
     settings : Settings, optional
         Without it they are read from the environment, and logs go to standard error: the application is the process.
-
-    Returns
-    -------
-    FastAPI
     """
     app = Described(
         title="BELLA service",

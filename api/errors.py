@@ -93,16 +93,7 @@ STATUS: dict[type[BellaError], tuple[HTTPStatus, str]] = {
 
 
 def status_of(error: BellaError) -> tuple[HTTPStatus, str]:
-    """Status and title of an error: those of the nearest class in the table.
-
-    Parameters
-    ----------
-    error : BellaError
-
-    Returns
-    -------
-    tuple of HTTPStatus and str
-    """
+    """Status and title of an error: those of the nearest class in the table."""
     return next(STATUS[kind] for kind in type(error).__mro__ if kind in STATUS)
 
 
@@ -111,15 +102,8 @@ def problem(request: Request, status: int, title: str, detail: str, **headers: s
 
     Parameters
     ----------
-    request : Request
-    status : int
-    title, detail : str
     **headers : str
         Further headers, underscores for hyphens.
-
-    Returns
-    -------
-    Response
     """
     named = {name.replace("_", "-"): value for name, value in headers.items()}
     if is_page(request):
@@ -129,12 +113,7 @@ def problem(request: Request, status: int, title: str, detail: str, **headers: s
 
 
 def install_error_handlers(app: FastAPI) -> None:
-    """Let every error leave the application in the one shape.
-
-    Parameters
-    ----------
-    app : FastAPI
-    """
+    """Let every error leave the application in the one shape."""
     app.add_exception_handler(BellaError, _raised_on_purpose)
     app.add_exception_handler(RequestValidationError, _refused_by_schema)
     app.add_exception_handler(HTTPException, _refused_by_routing)

@@ -33,11 +33,6 @@ REVALIDATE = "no-cache"
 def tag_of(solutions: Iterable[Solution], *more: object) -> str:
     """Entity tag of a reply that is made from these solutions, by this version, of these further values.
 
-    Parameters
-    ----------
-    solutions : iterable of Solution
-    *more : object
-
     Returns
     -------
     str
@@ -130,8 +125,6 @@ class OutgoingReply:
     ----------
     asked : Headers
         Of the request.
-    send : Send
-    without_body : bool
     """
 
     def __init__(self, asked: Headers, send: Send, *, without_body: bool) -> None:

@@ -62,7 +62,6 @@ class HapiDataset:
         The title has at most 40 characters.
     cadence : str
         ISO 8601 duration; of events, the precision of their times.
-    parameters : tuple of HapiParameter
     read : callable
         Records of [start, stop), possibly with a few around.
     sample : callable

@@ -46,7 +46,6 @@ class Prefixed:
 
     Parameters
     ----------
-    app : ASGIApp
     prefix : str
         Such as ``/bella``; empty to take that of the header X-Forwarded-Prefix, from this machine alone.
     """

@@ -45,11 +45,6 @@ class KeptReplies:
     """Answers a GET from memory where the same was asked since the catalogue changed last.
 
     The state is looked up before a reply is made, so that one is never older than it is said to be.
-
-    Parameters
-    ----------
-    app : ASGIApp
-    service : Service
     """
 
     def __init__(self, app: ASGIApp, service: Service) -> None:
@@ -173,13 +168,7 @@ class CompressAllButStore(GZipMiddleware):
 
 
 def install_headers(app: FastAPI, service: Service) -> None:
-    """Add all of this to an application.
-
-    Parameters
-    ----------
-    app : FastAPI
-    service : Service
-    """
+    """Add all of this to an application."""
     app.add_middleware(Revalidated)
     # the best compression takes twice the time of this one, for a reply that is 3 to 20 % smaller
     app.add_middleware(CompressAllButStore, minimum_size=1000, compresslevel=4)

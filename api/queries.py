@@ -503,13 +503,8 @@ def asked_of(request: Request, lists: Container[str] = ()) -> dict[str, Any]:
 
     Parameters
     ----------
-    request : Request
     lists : container of str
         Names of the fields that may be repeated.
-
-    Returns
-    -------
-    dict
     """
     query = request.query_params
     return {name: query.getlist(name) if name in lists else query[name] for name in dict.fromkeys(query)}

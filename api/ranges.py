@@ -13,11 +13,8 @@ def ranged(request: Request, content: bytes, kind: str, headers: dict[str, str])
 
     Parameters
     ----------
-    request : Request
-    content : bytes
     kind : str
         Media type.
-    headers : dict of str to str
 
     Returns
     -------

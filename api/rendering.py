@@ -72,17 +72,10 @@ def render(
 
     Parameters
     ----------
-    request : Request
     template : str
         File name in the folder of templates.
-    status : int
-    headers : mapping, optional
     **values : Any
         What the template speaks of.
-
-    Returns
-    -------
-    HTMLResponse
     """
     text = (
         environment()

@@ -279,13 +279,8 @@ def calibration_of(solution: Solution, observatories: Sequence[str]) -> Calibrat
 
     Parameters
     ----------
-    solution : Solution
     observatories : sequence of str
         That received the burst.
-
-    Returns
-    -------
-    CalibrationReply
     """
     series, answer = solution.series, solution.answer
     real = Answered(

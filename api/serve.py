@@ -125,8 +125,6 @@ def run(host: str, port: int, processes: int = 1) -> None:
 
     Parameters
     ----------
-    host : str
-    port : int
     processes : int
         That answer side by side; one that ends is started again.
     """

@@ -31,10 +31,6 @@ class Service:
 
     The catalogue is opened at the first request that needs it, so that the service starts, and can say what is wrong,
     while the database is away. Groups of the store never change: what was opened stays open.
-
-    Parameters
-    ----------
-    settings : Settings
     """
 
     def __init__(self, settings: Settings) -> None:

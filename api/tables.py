@@ -52,11 +52,8 @@ def streamed(request: Request, pieces: Generator[bytes], media_type: str, header
 
     Parameters
     ----------
-    request : Request
     pieces : generator of bytes
         Its steps run in several threads, one after the other, and see one context (so that a snapshot holds).
-    media_type : str
-    headers : dict of str to str
 
     Raises
     ------
@@ -207,15 +204,6 @@ def in_all_formats(description: str, in_json: type[BaseModel]) -> dict[int | str
 def asked_format(request: Request, asked: str | None) -> Format:
     """Format of a reply: by name where one is given, otherwise the best of the Accept header.
 
-    Parameters
-    ----------
-    request : Request
-    asked : str or None
-
-    Returns
-    -------
-    Format
-
     Raises
     ------
     NotAcceptableError
@@ -312,8 +300,6 @@ def table_reply(
 
     Parameters
     ----------
-    chosen : Format
-    table : RecordTable
     name : str
         Of the file, without its ending.
     following : str, optional

@@ -11,14 +11,6 @@ from bella.exceptions import InputError
 def read_table_text(path: Path) -> str:
     """Text of a CSV file.
 
-    Parameters
-    ----------
-    path : Path
-
-    Returns
-    -------
-    str
-
     Raises
     ------
     InputError
@@ -35,7 +27,6 @@ def parse_table(text: str, source: str) -> pd.DataFrame:
 
     Parameters
     ----------
-    text : str
     source : str
         What the table is called in error messages.
 

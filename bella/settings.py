@@ -204,10 +204,6 @@ class Settings(BaseSettings):
 def read_settings() -> Settings:
     """Settings of the environment.
 
-    Returns
-    -------
-    Settings
-
     Raises
     ------
     InputError

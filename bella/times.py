@@ -10,7 +10,6 @@ def parse_day(text: str, name: str) -> date:
 
     Parameters
     ----------
-    text : str
     name : str
         Of the parameter or option, for the message.
 
@@ -30,7 +29,6 @@ def parse_utc(text: str | None, name: str) -> datetime | None:
 
     Parameters
     ----------
-    text : str or None
     name : str
         Of the parameter or option, for the message.
 

@@ -65,10 +65,6 @@ def fits_of(track: Fit) -> dict[str, Fit]:
     ----------
     track : mapping
         Track fit as kept in the catalogue.
-
-    Returns
-    -------
-    dict of str to mapping
     """
     known = {**track.get("companions", {}), **track}
     # most bursts have arrival times alone, and a column of dashes says no more than the joint one

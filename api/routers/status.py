@@ -57,17 +57,7 @@ class StatusReply(Reply):
 
 
 def status_of(service: Service, catalogue: Catalogue) -> StatusReply:
-    """How the service is now.
-
-    Parameters
-    ----------
-    service : Service
-    catalogue : Catalogue
-
-    Returns
-    -------
-    StatusReply
-    """
+    """How the service is now."""
     now, operation = datetime.now(UTC), catalogue.operation
     work = operation.work(now.replace(hour=0, minute=0, second=0, microsecond=0))
     waiting = len(catalogue.pending_submissions())

@@ -74,8 +74,6 @@ class MirrorFile:
 
     Attributes
     ----------
-    path : pathlib.Path
-        Where it is.
     sha256 : str
         Of its content.
     size_bytes : int
@@ -108,8 +106,6 @@ def download(  # noqa: PLR0913, PLR0917 - what, from where, to where, and what i
 
     Parameters
     ----------
-    source : Source
-        The archive.
     manners : Manners
         Pace and patience.
     path : str
@@ -154,11 +150,6 @@ def download(  # noqa: PLR0913, PLR0917 - what, from where, to where, and what i
 def versions(target: Path) -> list[FileVersion]:
     """Every content that a file of the mirror has had.
 
-    Parameters
-    ----------
-    target : pathlib.Path
-        The file.
-
     Returns
     -------
     list of FileVersion
@@ -178,12 +169,6 @@ def is_due_again(target: Path, now: datetime) -> bool:
 
     Files are replaced under their names mostly when they are young: a file is asked for again when the time since it
     was fetched has doubled, and not within a day.
-
-    Parameters
-    ----------
-    target : pathlib.Path
-        The file.
-    now : datetime.datetime
 
     Returns
     -------
@@ -212,10 +197,6 @@ class Received:
 def received(paths: Iterable[Path]) -> Received:
     """When files of the mirror came.
 
-    Parameters
-    ----------
-    paths : iterable of pathlib.Path
-
     Returns
     -------
     Received
@@ -234,8 +215,6 @@ def set_aside(target: Path, reason: str) -> None:
 
     Parameters
     ----------
-    target : pathlib.Path
-        The file.
     reason : str
         What is wrong with it.
 

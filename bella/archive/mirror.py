@@ -52,8 +52,6 @@ class DayInMirror:
 
     Attributes
     ----------
-    dataset : Dataset
-        The data set.
     day : datetime.date
         The day.
     state : str
@@ -84,8 +82,6 @@ class Archive:
 
     Parameters
     ----------
-    source : Source
-        Where it is.
     manners : Manners
         Pace and patience.
     now : datetime.datetime, optional
@@ -105,8 +101,6 @@ class Archive:
 
         Parameters
         ----------
-        dataset : Dataset
-            The data set.
         day : datetime.date
             The day, UTC.
 
@@ -136,8 +130,6 @@ class Archive:
 
         Parameters
         ----------
-        dataset : Dataset
-            The data set.
         day : datetime.date
             The day, UTC.
         mirror : pathlib.Path
@@ -171,12 +163,8 @@ class Archive:
 
         Parameters
         ----------
-        dataset : Dataset
-            The data set.
         day : datetime.date
             The day, UTC.
-        mirror : pathlib.Path
-            Folder of the mirror.
 
         Returns
         -------
@@ -247,12 +235,6 @@ class Archive:
 def unanswered(dataset: Dataset, day: date, error: UnreachableError) -> DayInMirror:
     """What became of a day of a data set where asking for it raised an error.
 
-    Parameters
-    ----------
-    dataset : Dataset
-    day : datetime.date
-    error : UnreachableError
-
     Returns
     -------
     DayInMirror
@@ -303,14 +285,10 @@ def fetch_days(
 
     Parameters
     ----------
-    archive : Archive
-        The archive.
     datasets : iterable of Dataset
         Data sets.
     days : iterable of datetime.date
         Days, UTC.
-    mirror : pathlib.Path
-        Folder of the mirror.
     advance : callable, optional
         Called after each day of each data set.
 

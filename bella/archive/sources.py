@@ -200,11 +200,6 @@ def open_source(root: str, timeout_s: float) -> Source:
     timeout_s : float
         Longest silence of an archive behind HTTP, s.
 
-    Returns
-    -------
-    Source
-        The archive.
-
     Raises
     ------
     InputError

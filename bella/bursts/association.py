@@ -63,7 +63,6 @@ class AssociatedBurst:
         Strongest first.
     tier : str
         "localisable", or "catalogued" with the reason why it is no more.
-    reason : str
     burst_id : str
         Name, after the onset; of several that begin in one minute all but the first have a letter behind it, from b on.
     """
@@ -127,16 +126,7 @@ def _named(bursts: Sequence[AssociatedBurst]) -> list[AssociatedBurst]:
 
 
 def has_position(searched: Searched) -> bool:
-    """Whether it is known where the spacecraft of a spectrum was: others cannot be compared.
-
-    Parameters
-    ----------
-    searched : Searched
-
-    Returns
-    -------
-    bool
-    """
+    """Whether it is known where the spacecraft of a spectrum was: others cannot be compared."""
     try:
         _position_rsun(searched)
     except NoDataError:
@@ -145,16 +135,7 @@ def has_position(searched: Searched) -> bool:
 
 
 def in_ephemeris(searched: Searched) -> bool:
-    """Whether the ephemeris knows where the spacecraft of a spectrum was; if not, its file may.
-
-    Parameters
-    ----------
-    searched : Searched
-
-    Returns
-    -------
-    bool
-    """
+    """Whether the ephemeris knows where the spacecraft of a spectrum was; if not, its file may."""
     try:
         position_hee(searched.observatory, [searched.grid.start], searched.grid.start)
     except (InputError, NoDataError):
@@ -167,7 +148,6 @@ def association_table(bursts: Sequence[AssociatedBurst], searched: Sequence[Sear
 
     Parameters
     ----------
-    bursts : sequence of AssociatedBurst
     searched : sequence of Searched
         What the bursts were found in.
 
@@ -213,16 +193,7 @@ class FleetDetections:
 
 
 def detect_in_fleet(pieces: Sequence[FleetPiece]) -> FleetDetections:
-    """Search all spectra, and compare spacecraft, one piece after the other.
-
-    Parameters
-    ----------
-    pieces : sequence of FleetPiece
-
-    Returns
-    -------
-    FleetDetections
-    """
+    """Search all spectra, and compare spacecraft, one piece after the other."""
     tables, refusals, unknown, number = [], [], [], 0
     for piece in pieces:
         searched = [search(one) for one in piece.spectra.values()]

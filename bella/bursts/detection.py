@@ -108,10 +108,6 @@ def search(spectrum: xr.Dataset) -> Searched:
     spectrum : xarray.Dataset
         Dynamic spectrum, best of a whole day with all receivers combined.
 
-    Returns
-    -------
-    Searched
-
     Raises
     ------
     InputError
@@ -134,10 +130,6 @@ def search(spectrum: xr.Dataset) -> Searched:
 
 def why_not_searchable(grid: SearchGrid) -> str:
     """Reason why no burst can be found on a grid, whatever it shows; empty where one can.
-
-    Parameters
-    ----------
-    grid : SearchGrid
 
     Returns
     -------
@@ -189,17 +181,7 @@ def detect_bursts(spectrum: xr.Dataset) -> pd.DataFrame:
 
 
 def candidates(match: Match, threshold: float = THRESHOLDS.score) -> list[Candidate]:
-    """Maxima of the matched filter above a threshold, in order of time.
-
-    Parameters
-    ----------
-    match : Match
-    threshold : float
-
-    Returns
-    -------
-    list of Candidate
-    """
+    """Maxima of the matched filter above a threshold, in order of time."""
     score = match.score[: len(BEAM_SPEEDS_C)].max(axis=0)
     found: list[int] = []
     for record in np.flatnonzero(score >= threshold):
@@ -216,11 +198,6 @@ def candidate_at(match: Match, record: int) -> Candidate:
     ----------
     match : Match
         Of which at least one channel sees something at this minute.
-    record : int
-
-    Returns
-    -------
-    Candidate
     """
     drift = int(match.score[: len(BEAM_SPEEDS_C), record].argmax())
     score, hit = float(match.score[drift, record]), _longest_run(match.hit[drift, record], match.measured)
@@ -299,8 +276,6 @@ def detection_row(searched: Searched, one: Candidate, company: str | None = None
 
     Parameters
     ----------
-    searched : Searched
-    one : Candidate
     company : str, optional
         What :func:`why_not_alone` says of it, where that is known.
 
@@ -346,10 +321,6 @@ def _flux_sfu_1au(over: xr.Dataset, band_mhz: FloatArray, start: pd.Timestamp, e
 def onset_records(one: Candidate) -> npt.NDArray[np.intp]:
     """Minute of the onset in every channel of the grid.
 
-    Parameters
-    ----------
-    one : Candidate
-
     Returns
     -------
     numpy.ndarray, shape (CHANNELS,)
@@ -383,11 +354,6 @@ def _peak(excess_db: FloatArray, onset: int, channel: int) -> int:
 
 def why_not_alone(searched: Searched, one: Candidate) -> str:
     """Reason why a candidate is not isolated.
-
-    Parameters
-    ----------
-    searched : Searched
-    one : Candidate
 
     Returns
     -------

@@ -220,10 +220,6 @@ def is_cut_off(time_s: FloatArray, power: FloatArray, top: int, rise_s: float) -
         The maximum.
     rise_s : float
         Half width of the rise.
-
-    Returns
-    -------
-    bool
     """
     other = np.flatnonzero(np.abs(power - power[top]) > FLAT_SHARE * power[top])
     place = int(np.searchsorted(other, top))

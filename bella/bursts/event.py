@@ -306,10 +306,6 @@ def timed_event(edge: str = SHARED) -> TimedBurst:
     ----------
     edge : str
         One of :data:`bella.bursts.timing.EDGES`.
-
-    Returns
-    -------
-    TimedBurst
     """
     parts = []
     for name in EVENT.observatories:

@@ -88,10 +88,6 @@ def unit_curve(step: int) -> UnitCurve:
     ----------
     step : int
         Logarithm of the decay in standard deviations of the rise, in units of ``RATIO_STEP``.
-
-    Returns
-    -------
-    UnitCurve
     """
     tail = float(np.exp(step * RATIO_STEP))
     smeared = np.exp(np.minimum(0.5 / tail**2 - UNIT_TIME / tail + log_ndtr(UNIT_TIME - 1 / tail), 0.0))
@@ -144,10 +140,6 @@ def shapes(widths_s: tuple[float, float], step_s: float, first: int, points: int
         Of the first point, in steps after the half-rise, and their number, G.
     averaging : Averaging
         What a sample is the mean of.
-
-    Returns
-    -------
-    Shapes
     """
     time = step_s * (first + np.arange(points))
     rows, prior = [], []

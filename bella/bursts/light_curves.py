@@ -62,7 +62,6 @@ class LightCurves:
 
     Attributes
     ----------
-    observatory : str
     frequency_mhz : ndarray, shape (C,)
         Ascending.
     time_s : ndarray, shape (N, C)
@@ -71,7 +70,6 @@ class LightCurves:
         Power above background; NaN where there is none or it belongs to something else.
     background : float
         Power of the background in the same unit: 1, or 0 where it is not known.
-    cadence_s : float
     integration_s : ndarray, shape (C,)
         Time that one visit averages over.
     apart_s : ndarray, shape (N, C)
@@ -163,10 +161,6 @@ LEVEL_SD, TILT_SD, RISE_SCATTER = 0.6, 0.25, 0.25
 
 def own_rise(lights: Sequence[LightCurves]) -> RiseOfBurst:
     """Half width of the rise of a burst, by the time from a quarter to three quarters of the maximum.
-
-    Parameters
-    ----------
-    lights : sequence of LightCurves
 
     Returns
     -------

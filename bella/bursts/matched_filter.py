@@ -206,10 +206,6 @@ def search_grid(over: xr.Dataset) -> SearchGrid:
     ----------
     over : xarray.Dataset
         As :func:`over_quiet` returns it.
-
-    Returns
-    -------
-    SearchGrid
     """
     start = over["time"].to_numpy()[0].astype("datetime64[m]")
     if over.sizes["frequency"] == 0:
@@ -441,10 +437,6 @@ def drift_match(match: FloatArray, revisit: FloatArray | float = 1.0) -> Match:
         As from :func:`channel_match`.
     revisit : numpy.ndarray, shape (CHANNELS,), or float
         Minutes that share one sample.
-
-    Returns
-    -------
-    Match
     """
     records = np.rint(drift_delays_s() / STEP_S).astype(np.intp)
     score = np.empty((len(records), len(match)))

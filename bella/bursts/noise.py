@@ -93,7 +93,6 @@ class Timed:
 
     Attributes
     ----------
-    observatory : ndarray of str, shape (N,)
     frequency_mhz, arrival_s, rise_s, channel_sd_s : ndarray, shape (N,)
         The last is the error of each channel on its own.
     shared_s : ndarray, shape (N, G)
@@ -206,10 +205,6 @@ def _difference(timed: Timed) -> FloatArray:
 def width_spread(timed: Timed) -> float:
     """Standard deviation of ln rise between the spacecraft, over the band of the burst.
 
-    Parameters
-    ----------
-    timed : Timed
-
     Returns
     -------
     float
@@ -299,17 +294,7 @@ class _Unlikely:
 
 
 def spread_channels(timed: Timed, most: int = MOST_CHANNELS) -> npt.NDArray[np.intp]:
-    """Channels of each spacecraft that are evenly spread in ln f, no more than a number of each.
-
-    Parameters
-    ----------
-    timed : Timed
-    most : int
-
-    Returns
-    -------
-    ndarray of int
-    """
+    """Channels of each spacecraft that are evenly spread in ln f, no more than a number of each."""
     chosen = []
     for name in dict.fromkeys(timed.observatory):
         rows = np.flatnonzero(timed.observatory == name)
@@ -319,10 +304,6 @@ def spread_channels(timed: Timed, most: int = MOST_CHANNELS) -> npt.NDArray[np.i
 
 def outliers(timed: Timed) -> BoolArray:
     """Channels that lie far from the curve through the others of their spacecraft, found one at a time.
-
-    Parameters
-    ----------
-    timed : Timed
 
     Returns
     -------
@@ -362,7 +343,6 @@ def at_frequencies(timed: Timed, frequency_mhz: FloatArray) -> Timed:
 
     Parameters
     ----------
-    timed : Timed
     frequency_mhz : ndarray, shape (F,)
         A spacecraft has rows for those within its own band, but for holes wider than `WIDEST_HOLE`.
 
@@ -447,10 +427,6 @@ def noise_columns(timed: Timed) -> dict[str, FloatArray]:
 
     Errors that all spacecraft share at a frequency cancel in differences and are left out: the sum of the variances of
     two spacecraft is that of the difference of their times.
-
-    Parameters
-    ----------
-    timed : Timed
 
     Returns
     -------

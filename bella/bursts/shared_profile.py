@@ -101,7 +101,6 @@ class ProfileEdges:
 
     Attributes
     ----------
-    observatory : ndarray of str, shape (N,)
     frequency_mhz, arrival_s, rise_s : ndarray, shape (N,)
         NaN without an arrival time; `rise_s` is the time from half of the maximum to the maximum.
     flag : ndarray of str, shape (N,)
@@ -133,8 +132,6 @@ class Collapsed:
 
     Attributes
     ----------
-    observatory : str
-    frequency_mhz : ndarray, shape (C,)
     widths, height, fitted : ndarray, shape (C, M)
         Time after the half-rise in widths, power over the height of the burst, and that of the fit; NaN where empty.
     """
@@ -148,10 +145,6 @@ class Collapsed:
 
 def collapsed_samples(collapsed: Sequence[Collapsed]) -> pd.DataFrame:
     """Samples of collapsed light curves as a table, as :func:`bella.plotting.write_collapsed_png` takes it.
-
-    Parameters
-    ----------
-    collapsed : sequence of Collapsed
 
     Returns
     -------

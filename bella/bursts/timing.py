@@ -89,7 +89,6 @@ class TimedBurst:
         Definition of the edge, which may not be the one that was asked for.
     noise : Timed
         The channels with an edge, seconds after `reference_utc`, and their noise.
-    reference_utc : numpy.datetime64
     collapsed : tuple of Collapsed
         Light curves on the time axis of the shared profile; empty for other edges.
     """
@@ -116,13 +115,8 @@ def candidate_near(searched: Searched, around_utc: np.datetime64) -> Candidate:
 
     Parameters
     ----------
-    searched : Searched
     around_utc : numpy.datetime64
         About the onset at high frequencies, UTC.
-
-    Returns
-    -------
-    Candidate
 
     Raises
     ------
@@ -142,12 +136,6 @@ def candidate_near(searched: Searched, around_utc: np.datetime64) -> Candidate:
 
 def burst_spectrum(searched: Searched, one: Candidate) -> xr.Dataset:
     """The spectrum of a burst at one spacecraft, without what does not belong to it.
-
-    Parameters
-    ----------
-    searched : Searched
-    one : Candidate
-        The burst.
 
     Returns
     -------
@@ -217,10 +205,6 @@ def light_curves(spectrum: xr.Dataset, start: np.datetime64) -> LightCurves:
         Background taken away or in decibels over it.
     start : numpy.datetime64
         Zero of their times.
-
-    Returns
-    -------
-    LightCurves
     """
     time_s = (sample_times(spectrum).to_numpy() - start) / np.timedelta64(1, "s")
     apart = spectrum["visits_apart_s"].to_numpy() if "visits_apart_s" in spectrum else np.zeros(time_s.shape)
@@ -335,7 +319,6 @@ def time_spectra(
 
     Returns
     -------
-    timed : TimedBurst
     left_out : list of str
         Why some spacecraft were left out, one line each.
 
@@ -431,11 +414,6 @@ def _offset_s(spectrum: xr.Dataset) -> float:
 def shared_frequencies_mhz(timed: TimedBurst, number: int = FREQUENCIES) -> FloatArray:
     """Frequencies at which at least three spacecraft, or all there are, have arrival times.
 
-    Parameters
-    ----------
-    timed : TimedBurst
-    number : int
-
     Returns
     -------
     numpy.ndarray, shape (number,)
@@ -455,13 +433,8 @@ def arrivals_at(timed: TimedBurst, frequency_mhz: FloatArray) -> Timed:
 
     Parameters
     ----------
-    timed : TimedBurst
     frequency_mhz : numpy.ndarray, shape (F,)
         A spacecraft has rows for those within its own band.
-
-    Returns
-    -------
-    Timed
 
     Raises
     ------
@@ -480,13 +453,8 @@ def arrivals_of(timed: TimedBurst, number: int = FREQUENCIES) -> Timed:
 
     Parameters
     ----------
-    timed : TimedBurst
     number : int
         Of frequencies.
-
-    Returns
-    -------
-    Timed
 
     Raises
     ------
@@ -507,13 +475,8 @@ def channels_in_band(timed: TimedBurst, most: int = MOST_ROWS) -> Timed:
 
     Parameters
     ----------
-    timed : TimedBurst
     most : int
         Rows there may be; each spacecraft keeps an equal share of them.
-
-    Returns
-    -------
-    Timed
 
     Raises
     ------
@@ -533,7 +496,6 @@ def arrival_frame(timed: TimedBurst, rows: Timed) -> pd.DataFrame:
 
     Parameters
     ----------
-    timed : TimedBurst
     rows : Timed
         Of it, as :func:`arrivals_at` or :func:`channels_in_band` return them.
 
@@ -570,13 +532,8 @@ def why_not_timed(timed: TimedBurst, needed: Sequence[str]) -> str:
 
     Parameters
     ----------
-    timed : TimedBurst
     needed : sequence of str
         Spacecraft that were to be timed.
-
-    Returns
-    -------
-    str
     """
     bands = timed.bands_mhz
     if len(bands) < min(THRESHOLDS.spacecraft, len(needed)):

@@ -19,7 +19,6 @@ class Coverage:
     ----------
     level : float
         Probability that the regions claim.
-    hits, sources : int
     """
 
     level: float

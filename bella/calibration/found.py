@@ -92,10 +92,8 @@ class FoundBurst:
 
     Attributes
     ----------
-    task : Task
     reason : str
         Why it has no answer; empty if it has.
-    tier, grade, edge : str
     spacecraft : int
         That were timed.
     position, phi0, wind, beam : Quantity or None
@@ -137,11 +135,6 @@ def tasks_of(strata: Sequence[str], bursts: int, seed: int) -> list[Task]:
         Of `bella.simulation.strata.STRATA`.
     bursts : int
         Per stratum and fleet.
-    seed : int
-
-    Returns
-    -------
-    list of Task
 
     Raises
     ------
@@ -167,10 +160,6 @@ def tasks_of(strata: Sequence[str], bursts: int, seed: int) -> list[Task]:
 def check_workers(workers: int) -> None:
     """Refuse a number of processes that can do nothing.
 
-    Parameters
-    ----------
-    workers : int
-
     Raises
     ------
     InputError
@@ -185,7 +174,6 @@ def find_all(tasks: Sequence[Task], workers: int = 1) -> Iterator[FoundBurst]:
 
     Parameters
     ----------
-    tasks : sequence of Task
     workers : int
         Processes; with 1 no other one is started.
 
@@ -219,11 +207,6 @@ def follow(task: Task, case: SimulatedCase) -> FoundBurst:
     ----------
     task : Task
         Under which the result is kept.
-    case : SimulatedCase
-
-    Returns
-    -------
-    FoundBurst
     """
     try:
         return _answered(task, case, _timed_members(case))

@@ -35,7 +35,6 @@ class FoundRow:
     ----------
     stratum, fleet, tier, edge, grade : str
         The group; "all" where it is not divided.
-    quantity, unit : str
     simulated : int
         Bursts of the stratum and fleet.
     answers : int
@@ -48,8 +47,6 @@ class FoundRow:
         Of the median, and width of the 68 % interval.
     lost : float or None
         Share of bursts with most positions beyond 3 standard deviations; of positions only.
-    seed : int
-    bella_version : str
     """
 
     stratum: str
@@ -95,11 +92,6 @@ def wilson_interval(share: float, number: int) -> tuple[float, float]:
     ----------
     share : float
         Found among `number` independent trials; it need not be a multiple of 1 / `number`.
-    number : int
-
-    Returns
-    -------
-    low, high : float
     """
     weight = Z_95**2 / number
     centre = (share + weight / 2) / (1 + weight)
@@ -112,13 +104,8 @@ def found_rows(found: "Sequence[FoundBurst]", seed: int) -> list[FoundRow]:
 
     Parameters
     ----------
-    found : sequence of FoundBurst
     seed : int
         Of the run.
-
-    Returns
-    -------
-    list of FoundRow
     """
     rows = []
     for fleet in dict.fromkeys(one.task.fleet for one in found):
@@ -190,30 +177,12 @@ def _numbers(measured: "Sequence[Quantity]") -> dict[str, float | None]:
 
 
 def found_csv(rows: Sequence[FoundRow]) -> str:
-    """Coverage as CSV.
-
-    Parameters
-    ----------
-    rows : sequence of FoundRow
-
-    Returns
-    -------
-    str
-    """
+    """Coverage as CSV."""
     return rows_csv(rows, FoundRow)
 
 
 def parse_found(text: str) -> list[FoundRow]:
-    """Rows of a table that :func:`found_csv` wrote; InputError where it is another table.
-
-    Parameters
-    ----------
-    text : str
-
-    Returns
-    -------
-    list of FoundRow
-    """
+    """Rows of a table that :func:`found_csv` wrote; InputError where it is another table."""
     return parse_rows(text, FoundRow)
 
 

@@ -41,7 +41,6 @@ def fractional_ranks(truth: FloatArray, draws: FloatArray, rng: np.random.Genera
     ----------
     truth : ndarray, shape (B,)
     draws : ndarray, shape (B, L)
-    rng : numpy.random.Generator
 
     Returns
     -------
@@ -65,10 +64,6 @@ def uniformity(ranks: FloatArray) -> Uniformity:
     ----------
     ranks : ndarray, shape (B,)
         Between 0 and 1.
-
-    Returns
-    -------
-    Uniformity
     """
     counts = np.histogram(ranks, bins=bins_of(ranks.size), range=(0, 1))[0]
     return Uniformity(float(stats.kstest(ranks, "uniform").pvalue), float(stats.chisquare(counts).pvalue))

@@ -27,13 +27,8 @@ def rows_csv(rows: "Sequence[Row]", kind: "type[Row]") -> str:
 
     Parameters
     ----------
-    rows : sequence of a dataclass
     kind : type
         The dataclass; its fields are the columns.
-
-    Returns
-    -------
-    str
     """
     text = io.StringIO()
     lines = csv.DictWriter(text, [field.name for field in fields(kind)], lineterminator="\n")
@@ -44,15 +39,6 @@ def rows_csv(rows: "Sequence[Row]", kind: "type[Row]") -> str:
 
 def parse_rows(text: str, kind: "type[Row]") -> "list[Row]":
     """Rows of a table that :func:`rows_csv` wrote.
-
-    Parameters
-    ----------
-    text : str
-    kind : type
-
-    Returns
-    -------
-    list of a dataclass
 
     Raises
     ------

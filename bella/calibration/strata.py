@@ -63,11 +63,8 @@ class Stratum:
         Timing error of every receiver, s.
     dimensions : int
         3: the source is in space, and so are the fourth and the fifth receiver.
-    priors : Priors
-    noise : Noise
     offset_sd_s : float
         Standard deviation of the timing offset of each receiver, s.
-    delay : DirectionalDelay
     misfit : Misfit or None
         None where truth and fitted model are the same.
     """
@@ -160,10 +157,6 @@ def find_strata(names: Sequence[str] = ()) -> tuple[Stratum, ...]:
     ----------
     names : sequence of str
         All if empty.
-
-    Returns
-    -------
-    tuple of Stratum
 
     Raises
     ------

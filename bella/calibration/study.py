@@ -33,7 +33,6 @@ class Comparison:
 
     Attributes
     ----------
-    stratum : Stratum
     ranks : dict of str to ndarray, shape (B,)
         Fractional ranks of x, y, z, emission time, speed, and the density at the position.
     covered : dict of float to ndarray of bool, shape (B,)
@@ -61,10 +60,6 @@ class Comparison:
 def check_sources(number: int) -> None:
     """Refuse a number of sources that says nothing.
 
-    Parameters
-    ----------
-    number : int
-
     Raises
     ------
     InputError
@@ -79,17 +74,12 @@ def run_stratum(stratum: Stratum, sources: int, seed: int, advance: Callable[[in
 
     Parameters
     ----------
-    stratum : Stratum
     sources : int
         Their number.
     seed : int
         Each stratum has random numbers of its own: the answer does not depend on which others are run.
     advance : callable
         Told how many sources are done since the last call.
-
-    Returns
-    -------
-    Comparison
 
     Raises
     ------
@@ -122,17 +112,10 @@ def compare(
 
     Parameters
     ----------
-    stratum : Stratum
-    truths : Truths
-    grid : ArrivalGrid
     posterior : Posterior
         Of the rows of the grid.
     rng : numpy.random.Generator
         Breaks ties.
-
-    Returns
-    -------
-    Comparison
     """
     problems = problems_of(grid, stratum.priors, stratum.dimensions, stratum.noise, stratum.delay)
     draws, at_truth = posterior.draws, log_density(problems, truths.position_rsun.T)

@@ -67,16 +67,7 @@ class Tried:
 
 
 def tried(real: Answered) -> Tried | None:
-    """Find the simulated bursts that are like a real one in the published table; None where there are none.
-
-    Parameters
-    ----------
-    real : Answered
-
-    Returns
-    -------
-    Tried or None
-    """
+    """Find the simulated bursts that are like a real one in the published table; None where there are none."""
     if (real.method, real.preset) != (METHOD, PRESET) or real.origin is Origin.SUBMISSION:
         return None
     timed = 2 if real.tier == "preliminary" else real.spacecraft

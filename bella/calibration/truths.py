@@ -28,10 +28,8 @@ class Truths:
 
     Attributes
     ----------
-    position_rsun : ndarray, shape (B, D)
     emission_s : ndarray, shape (B,)
         After the reference time, s.
-    v_over_c : ndarray, shape (B,)
     """
 
     position_rsun: FloatArray
@@ -40,18 +38,7 @@ class Truths:
 
 
 def draw_truths(stratum: Stratum, number: int, rng: np.random.Generator) -> Truths:
-    """Draw sources from the prior of a stratum, or on Parker spirals at any longitude.
-
-    Parameters
-    ----------
-    stratum : Stratum
-    number : int
-    rng : numpy.random.Generator
-
-    Returns
-    -------
-    Truths
-    """
+    """Draw sources from the prior of a stratum, or on Parker spirals at any longitude."""
     priors = stratum.priors
     on_spiral = stratum.misfit is not None and stratum.misfit.on_spiral
     z = truncnorm.rvs(-np.inf, (priors.v_max_c - 1) / priors.v_sd_c, size=number, random_state=rng)
@@ -78,12 +65,6 @@ def _on_spirals(number: int, rng: np.random.Generator) -> FloatArray:
 
 def arrival_grid(stratum: Stratum, truths: Truths, rng: np.random.Generator) -> ArrivalGrid:
     """Arrival times of sources, each on a row of its own as if it were a frequency.
-
-    Parameters
-    ----------
-    stratum : Stratum
-    truths : Truths
-    rng : numpy.random.Generator
 
     Returns
     -------

@@ -22,7 +22,6 @@ class Verdict:
     ----------
     stratum, model, misfit : str
         Name, what was fitted, and how the truth departs from it; empty where it does not.
-    receivers, dimensions, sources : int
     separation_deg, sigma_s, v_sd_c, v_max_c, bad_probability, offset_sd_s : float
         As in :class:`bella.calibration.Stratum` and its priors and noise.
     cover68, cover95 : float
@@ -35,9 +34,6 @@ class Verdict:
         Number of p-values of the whole run, by which each is multiplied.
     ess_share_least, ess_share_mean : float
         Effective share of draws.
-    passed : bool
-    seed : int
-    bella_version : str
     """
 
     stratum: str
@@ -76,13 +72,8 @@ def judge(comparisons: Sequence[Comparison], seed: int) -> list[Verdict]:
 
     Parameters
     ----------
-    comparisons : sequence of Comparison
     seed : int
         Of the run.
-
-    Returns
-    -------
-    list of Verdict
     """
     tests = TESTS_PER_QUANTITY * sum(len(one.ranks) for one in comparisons)
     return [_verdict(one, tests, seed) for one in comparisons]
@@ -125,43 +116,17 @@ def _verdict(comparison: Comparison, tests: int, seed: int) -> Verdict:
 
 
 def failing(verdicts: Sequence[Verdict]) -> list[str]:
-    """Names of strata that do not pass although truth and fitted model are the same.
-
-    Parameters
-    ----------
-    verdicts : sequence of Verdict
-
-    Returns
-    -------
-    list of str
-    """
+    """Names of strata that do not pass although truth and fitted model are the same."""
     return [one.stratum for one in verdicts if not one.passed and not one.misfit]
 
 
 def verdict_table(verdicts: Sequence[Verdict]) -> str:
-    """Verdicts as CSV, numbers written so that they are read back as they were.
-
-    Parameters
-    ----------
-    verdicts : sequence of Verdict
-
-    Returns
-    -------
-    str
-    """
+    """Verdicts as CSV, numbers written so that they are read back as they were."""
     return rows_csv(verdicts, Verdict)
 
 
 def parse_verdicts(text: str) -> list[Verdict]:
     """Verdicts of a table that :func:`verdict_table` wrote.
-
-    Parameters
-    ----------
-    text : str
-
-    Returns
-    -------
-    list of Verdict
 
     Raises
     ------

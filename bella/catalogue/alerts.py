@@ -42,7 +42,6 @@ def note_answer(connection: Connection, burst_id: str) -> None:
     ----------
     connection : sqlalchemy.Connection
         In the transaction that may have changed it; it holds the row of the burst.
-    burst_id : str
     """
     last = _last(connection, burst_id)
     answer = settle_answer(connection, burst_id)
@@ -65,7 +64,6 @@ def alerts(
 
     Parameters
     ----------
-    engine : sqlalchemy.Engine
     after : int
         Sequence number of the last one that is known already; 0 for none.
     limit : int
@@ -74,10 +72,6 @@ def alerts(
         Of the data that they are about.
     burst_id : str, optional
         Burst they are about; without it, all.
-
-    Returns
-    -------
-    tuple of Alert
 
     Raises
     ------

@@ -33,19 +33,12 @@ def days(  # noqa: PLR0913, PLR0917 - one argument per filter
 
     Parameters
     ----------
-    engine : sqlalchemy.Engine
-        Engine of the catalogue.
     first, last : datetime.date or None
         None for no bound.
     limit : int
         Most days that are returned, 1 to `MAX_DAYS`.
-    origins : collection of Origin
     cursor : str, optional
         Of the page before.
-
-    Returns
-    -------
-    DayPage
 
     Raises
     ------
@@ -110,19 +103,7 @@ def _onsets_near(first: date, last: date) -> tuple[ColumnElement[bool], ...]:
 
 
 def detections_of(engine: Engine, day: date, origins: Collection[Origin] = REAL_ORIGINS) -> tuple[Detection, ...]:
-    """Detections recorded with a day, by onset: with those of its bursts that another one received past midnight.
-
-    Parameters
-    ----------
-    engine : sqlalchemy.Engine
-        Engine of the catalogue.
-    day : datetime.date
-    origins : collection of Origin
-
-    Returns
-    -------
-    tuple of Detection
-    """
+    """Detections recorded with a day, by onset: with those of its bursts that another one received past midnight."""
     columns = _DETECTIONS.c
     order = (columns.start_utc, columns.observatory, columns.detection_id)
     own = (columns.day == day, columns.origin.in_(sorted(origins)))
@@ -135,13 +116,6 @@ def neighbours(
     engine: Engine, day: date, origins: Collection[Origin] = REAL_ORIGINS
 ) -> tuple[date | None, date | None]:
     """Searched days before and after a day, whether or not it was searched itself.
-
-    Parameters
-    ----------
-    engine : sqlalchemy.Engine
-        Engine of the catalogue.
-    day : datetime.date
-    origins : collection of Origin
 
     Returns
     -------
@@ -165,9 +139,6 @@ def record_day(engine: Engine, day: SearchedDay, found: Sequence[Detection], lea
 
     Parameters
     ----------
-    engine : sqlalchemy.Engine
-        Engine of the catalogue.
-    day : SearchedDay
     found : sequence of Detection
         May be empty: the day was searched, and there was no burst. Their origin is that of the day.
     lease : Lease, optional
@@ -195,8 +166,6 @@ def record_unsearched(engine: Engine, day: SearchedDay) -> None:
 
     Parameters
     ----------
-    engine : sqlalchemy.Engine
-        Engine of the catalogue.
     day : SearchedDay
         With the answer "no data" or "archive silent".
     """
@@ -217,15 +186,8 @@ def searched_day(engine: Engine, day: date, origins: Sequence[Origin] = REAL_ORI
 
     Parameters
     ----------
-    engine : sqlalchemy.Engine
-        Engine of the catalogue.
-    day : datetime.date
     origins : sequence of Origin
         Of its files: the first of these that there is.
-
-    Returns
-    -------
-    SearchedDay or None
     """
     with reading(engine) as connection:
         rows = connection.execute(select(_DAYS).where(_DAYS.c.day == day, _DAYS.c.origin.in_(origins))).all()
@@ -244,14 +206,8 @@ def detections(engine: Engine, query: DetectionQuery) -> DetectionPage:
 
     Parameters
     ----------
-    engine : sqlalchemy.Engine
-        Engine of the catalogue.
     query : DetectionQuery
         Filters, the order, the cursor of the page before, and the size of a page (1 to `MAX_DETECTIONS`).
-
-    Returns
-    -------
-    DetectionPage
 
     Raises
     ------

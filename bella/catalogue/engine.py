@@ -122,12 +122,7 @@ def reading(engine: Engine) -> Iterator[Connection]:
 
 
 class State:
-    """Looks whether anything was committed, by a connection of its own that is kept.
-
-    Parameters
-    ----------
-    engine : sqlalchemy.Engine
-    """
+    """Looks whether anything was committed, by a connection of its own that is kept."""
 
     _ASK: ClassVar = {"sqlite": "PRAGMA data_version", "postgresql": "SELECT pg_current_snapshot()::text"}
 

@@ -162,13 +162,7 @@ _FIELDS = tuple(one.name for one in fields(Event))
 
 
 class PublishedEvents:
-    """Tables about published events; see `Catalogue.events`.
-
-    Parameters
-    ----------
-    engine : sqlalchemy.Engine
-        Engine of the catalogue.
-    """
+    """Tables about published events; see `Catalogue.events`."""
 
     def __init__(self, engine: Engine) -> None:
         self._engine = engine
@@ -189,7 +183,6 @@ class PublishedEvents:
         ----------
         one : ListRead
             Its number of events is counted here.
-        events : sequence of Event
         """
         given = {event.event_id: event for event in events}
         with writing(self._engine) as connection:

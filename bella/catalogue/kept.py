@@ -12,12 +12,7 @@ Item = TypeVar("Item")
 
 
 class Kept(Generic[Key, Item]):
-    """The items that were asked for last.
-
-    Parameters
-    ----------
-    most : int
-    """
+    """The items that were asked for last."""
 
     def __init__(self, most: int) -> None:
         self._kept: LRUCache = LRUCache(most)

@@ -138,8 +138,6 @@ def held(engine: Engine, stage: str, subject: str, run_id: str, duration_s: floa
 
     Parameters
     ----------
-    engine : sqlalchemy.Engine
-        Engine of the catalogue.
     stage, subject : str
         What is worked on, such as "localise" and a burst id.
     run_id : str
@@ -181,8 +179,6 @@ def acquire(engine: Engine, stage: str, subject: str, run_id: str, duration_s: f
 
     Parameters
     ----------
-    engine : sqlalchemy.Engine
-        Engine of the catalogue.
     stage, subject : str
         What is worked on.
     run_id : str
@@ -229,7 +225,6 @@ def check_held(connection: Connection, lease: Lease) -> None:
     ----------
     connection : sqlalchemy.Connection
         In the transaction that writes what the lease is for.
-    lease : Lease
 
     Raises
     ------
@@ -243,11 +238,6 @@ def check_held(connection: Connection, lease: Lease) -> None:
 
 def held_subjects(engine: Engine) -> frozenset[str]:
     """What live runs work on.
-
-    Parameters
-    ----------
-    engine : sqlalchemy.Engine
-        Engine of the catalogue.
 
     Returns
     -------
@@ -346,8 +336,6 @@ def stage_runs(engine: Engine, limit: int) -> tuple[StageRun, ...]:
 
     Parameters
     ----------
-    engine : sqlalchemy.Engine
-        Engine of the catalogue.
     limit : int
         At most that many.
 

@@ -138,7 +138,6 @@ class Freshness:
     ----------
     dataset, kind : str
         Its name; what it holds: ``spectra``, ``in_situ``, ``regions`` or ``ephemeris``.
-    observatories : tuple of str
     latency_d : float
         Days after which a file is usually there.
     state : str
@@ -214,7 +213,6 @@ class MockRun:
 
     Attributes
     ----------
-    started_utc, ended_utc : datetime
     state : str
         ``ok`` or ``failed``.
     burst_id, solution_id : str
@@ -244,13 +242,7 @@ class Work:
 
 
 class Operation:
-    """Tables about the service itself, beside those about bursts; see `Catalogue.operation`.
-
-    Parameters
-    ----------
-    engine : sqlalchemy.Engine
-        Engine of the catalogue.
-    """
+    """Tables about the service itself, beside those about bursts; see `Catalogue.operation`."""
 
     def __init__(self, engine: Engine) -> None:
         self._engine = engine
@@ -288,7 +280,6 @@ class Operation:
 
         Parameters
         ----------
-        start, stop : datetime
         limit : int
             Most that are returned.
 

@@ -31,10 +31,8 @@ class Key:
     ----------
     name : str
         Of the column in a row.
-    column : sqlalchemy.ColumnElement
     kind : type
         datetime, date, float, int or str.
-    descending : bool
     nullable : bool
         Rows without a value come last, whichever way the order goes.
     """
@@ -132,13 +130,8 @@ def read_page(
         Its fields but `limit` and `cursor` make the mark of the cursor.
     found : sqlalchemy.Select
         With the columns of the order, by the names of its keys.
-    order : sequence of Key
     counted : sqlalchemy.Select, optional
         How many rows there are on all pages, where that can be found with less work.
-
-    Returns
-    -------
-    Page
 
     Raises
     ------
@@ -178,7 +171,6 @@ def cursor_after(order: Order, row: Mapping[str, Any], mark: str) -> str:
 
     Parameters
     ----------
-    order : sequence of Key
     row : mapping
         The last one shown.
     mark : str

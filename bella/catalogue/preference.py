@@ -32,11 +32,6 @@ def preferences(connection: Connection, burst_ids: list[str]) -> dict[str, Prefe
     ----------
     connection : sqlalchemy.Connection
         In a transaction.
-    burst_ids : list of str
-
-    Returns
-    -------
-    dict of str to Preference
     """
     return {row.burst_id: _preference(row) for row in connection.execute(_OF_BURSTS, {"burst_ids": burst_ids})}
 
@@ -71,9 +66,6 @@ def prefer(engine: Engine, burst_id: str, name: str, reason: str) -> Solution:
 
     Parameters
     ----------
-    engine : sqlalchemy.Engine
-        Engine of the catalogue.
-    burst_id : str
     name : str
         The series, such as "half_rise/posterior/default/2d" or its first parts where these leave one; or the id of its
         newest solution.
@@ -102,12 +94,6 @@ def prefer(engine: Engine, burst_id: str, name: str, reason: str) -> Solution:
 
 def prefer_by_rule(engine: Engine, burst_id: str) -> Solution:
     """Choose the preferred series of a burst by the rule among all that it has, and pin it no longer.
-
-    Parameters
-    ----------
-    engine : sqlalchemy.Engine
-        Engine of the catalogue.
-    burst_id : str
 
     Returns
     -------

@@ -45,10 +45,6 @@ def find_solution(
 
     Parameters
     ----------
-    engine : sqlalchemy.Engine
-        Engine of the catalogue.
-    burst_id : str
-        Burst.
     series : Series
         Series of its solutions.
     inputs_hash, code_version : str
@@ -70,8 +66,6 @@ def publish(
 
     Parameters
     ----------
-    engine : sqlalchemy.Engine
-        Engine of the catalogue.
     publication : Publication
         The solution and all that belongs to it; its group must be in the store already.
     lease : Lease, optional
@@ -123,9 +117,6 @@ def add_companions(
 
     Parameters
     ----------
-    engine : sqlalchemy.Engine
-        Engine of the catalogue.
-    solution_id : str
     companions : dict
         By name.
     lease : Lease, optional

@@ -89,11 +89,8 @@ def bursts(engine: Engine, query: BurstQuery, kept: Summaries) -> BurstPage:
 
     Parameters
     ----------
-    engine : sqlalchemy.Engine
-        Engine of the catalogue.
     query : BurstQuery
         Filters, the order, the cursor of the page before, and the size of a page (1 to 1000).
-    kept : Kept
 
     Returns
     -------

@@ -499,7 +499,6 @@ def rule_order(series: Series, answer: Answer) -> tuple[int, int, bool, bool, in
 
     Parameters
     ----------
-    series : Series
     answer : Answer
         Of the newest version of that series.
 
@@ -526,10 +525,6 @@ def edge_rank(edge: str) -> int:
 
 def by_preference(solutions: Iterable[Solution]) -> tuple[Solution, ...]:
     """Solutions with the preferred series first, the others by the rule, newer versions before older ones.
-
-    Parameters
-    ----------
-    solutions : iterable of Solution
 
     Returns
     -------

@@ -24,7 +24,6 @@ def retract(engine: Engine, name: str, reason: str) -> str:
 
     Parameters
     ----------
-    engine : sqlalchemy.Engine
     name : str
         Id of either.
     reason : str
@@ -100,11 +99,6 @@ def _refuse_twice(name: str, retracted_utc: datetime | None, reason: str | None)
 def prunable(engine: Engine, before_utc: datetime) -> tuple[Solution, ...]:
     """Solutions that were superseded before a time and have not been pruned.
 
-    Parameters
-    ----------
-    engine : sqlalchemy.Engine
-    before_utc : datetime.datetime
-
     Returns
     -------
     tuple of Solution
@@ -125,8 +119,6 @@ def note_pruned(engine: Engine, solution_id: str, store_path: str, store_sha256:
 
     Parameters
     ----------
-    engine : sqlalchemy.Engine
-    solution_id : str
     store_path, store_sha256 : str
         Of the group without draws.
     """
@@ -142,7 +134,6 @@ def note_packed(engine: Engine, folder: str, store_path: str) -> None:
 
     Parameters
     ----------
-    engine : sqlalchemy.Engine
     folder, store_path : str
         Paths of the group before and after.
     """

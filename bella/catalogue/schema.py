@@ -58,8 +58,6 @@ def prepare(engine: Engine, *, create: bool) -> None:
 
     Parameters
     ----------
-    engine : sqlalchemy.Engine
-        Engine of the catalogue.
     create : bool
         True to make the schema, or to bring an older one to the newest revision. Processes that start at once wait
         for one another.

@@ -130,8 +130,6 @@ def newest(connection: Connection, burst_id: str, series: Series) -> Solution | 
     ----------
     connection : sqlalchemy.Connection
         In a transaction.
-    burst_id : str
-        Burst.
     series : Series
         Series of its solutions.
 
@@ -158,7 +156,6 @@ def settle_answer(connection: Connection, burst_id: str) -> Solution | None:
     ----------
     connection : sqlalchemy.Connection
         In the transaction that may have changed it; it holds the row of the burst.
-    burst_id : str
 
     Returns
     -------
@@ -186,14 +183,8 @@ def solutions(engine: Engine, query: SolutionQuery) -> SolutionPage:
 
     Parameters
     ----------
-    engine : sqlalchemy.Engine
-        Engine of the catalogue.
     query : SolutionQuery
         Filters, the order, the cursor of the page before, and the size of a page (1 to 1000).
-
-    Returns
-    -------
-    SolutionPage
 
     Raises
     ------
@@ -301,13 +292,6 @@ MOST_JOINTS = 10_000
 def joints_of(engine: Engine, some: Iterable[Solution], kept: Joints) -> dict[str, JointTrack]:
     """Joint fits of those of many solutions that have one, without their profiles, in one statement.
 
-    Parameters
-    ----------
-    engine : sqlalchemy.Engine
-        Engine of the catalogue.
-    some : iterable of Solution
-    kept : Kept
-
     Returns
     -------
     dict of str to JointTrack
@@ -368,14 +352,8 @@ def all_sources(engine: Engine, query: SourceQuery) -> SourcePage:
 
     Parameters
     ----------
-    engine : sqlalchemy.Engine
-        Engine of the catalogue.
     query : SourceQuery
         Filters, the order, the cursor of the page before, and the size of a page (1 to 1000).
-
-    Returns
-    -------
-    SourcePage
 
     Raises
     ------
@@ -407,11 +385,6 @@ def all_sources(engine: Engine, query: SourceQuery) -> SourcePage:
 def referenced_paths(engine: Engine) -> frozenset[str]:
     """Store paths the catalogue refers to: posteriors of all versions, and the spectra of each.
 
-    Parameters
-    ----------
-    engine : sqlalchemy.Engine
-        Engine of the catalogue.
-
     Returns
     -------
     frozenset of str
@@ -427,11 +400,6 @@ def referenced_paths(engine: Engine) -> frozenset[str]:
 
 def stored_groups(engine: Engine) -> tuple[StoredGroup, ...]:
     """Every group the catalogue refers to, with its checksum where that is kept.
-
-    Parameters
-    ----------
-    engine : sqlalchemy.Engine
-        Engine of the catalogue.
 
     Returns
     -------

@@ -32,7 +32,6 @@ def submit(engine: Engine, token_id: str, sha256: str, submission_id: str) -> Su
 
     Parameters
     ----------
-    engine : sqlalchemy.Engine
     token_id : str
         Whose submission it is; the same table of another token is another submission.
     sha256 : str
@@ -89,8 +88,6 @@ def mark(engine: Engine, submission_id: str, state: str, message: str, burst_id:
 
     Parameters
     ----------
-    engine : sqlalchemy.Engine
-    submission_id : str
     state : str
         "received", "done" or "failed".
     message : str
@@ -128,8 +125,6 @@ def withdraw(engine: Engine, submission_id: str, reason: str = WITHDRAWN_REASON)
 
     Parameters
     ----------
-    engine : sqlalchemy.Engine
-    submission_id : str
     reason : str
         One line.
 

@@ -28,13 +28,11 @@ def create(engine: Engine, name: str) -> tuple[Token, str]:
 
     Parameters
     ----------
-    engine : sqlalchemy.Engine
     name : str
         Whose it is, in words.
 
     Returns
     -------
-    token : Token
     secret : str
         The token itself, which is kept nowhere.
 

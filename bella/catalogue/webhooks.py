@@ -61,19 +61,7 @@ def remove(engine: Engine, webhook_id: str) -> Webhook:
 
 
 def due(engine: Engine, webhook_id: str, now: datetime, limit: int) -> tuple[Delivery, ...]:
-    """Alerts that may be sent to a receiver now: of each burst the first that waits, in the order of their commits.
-
-    Parameters
-    ----------
-    engine : sqlalchemy.Engine
-    webhook_id : str
-    now : datetime.datetime
-    limit : int
-
-    Returns
-    -------
-    tuple of Delivery
-    """
+    """Alerts that may be sent to a receiver now: of each burst the first that waits, in the order of their commits."""
     earlier, of_earlier = _WAITING.alias("earlier"), _ALERTS.alias("of_earlier")
     blocked = (
         select(earlier.c.sequence)

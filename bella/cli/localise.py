@@ -106,13 +106,8 @@ def position_table(title: str, records: Sequence[Mapping[str, Any]]) -> "Table":
 
     Parameters
     ----------
-    title : str
     records : sequence of mapping
         One per frequency, with the columns of the localisation table.
-
-    Returns
-    -------
-    rich.table.Table
     """
     table = new_table(title, "MHz", "R_sun", "longitude", "sd x, y", "68 % area", "emitted", "speed")
     by_frequency = sorted(records, key=lambda one: -float(one["frequency_mhz"]))

@@ -72,7 +72,6 @@ def check_output(path: Path, option: str = "--output") -> None:
 
     Parameters
     ----------
-    path : Path
     option : str
         That names it.
 
@@ -91,10 +90,6 @@ def check_output(path: Path, option: str = "--output") -> None:
 
 def check_file(path: Path) -> None:
     """Refuse, before any work, a file to read that does not exist.
-
-    Parameters
-    ----------
-    path : Path
 
     Raises
     ------
@@ -137,14 +132,6 @@ def instant(utc: str) -> "np.datetime64":
 def day_range(first: str, last: str) -> tuple[date, date]:
     """First and last day as options give them.
 
-    Parameters
-    ----------
-    first, last : str
-
-    Returns
-    -------
-    first, last : datetime.date
-
     Raises
     ------
     InputError
@@ -163,15 +150,10 @@ def numbers(text: str, option: str, counts: tuple[int, ...], example: str) -> tu
 
     Parameters
     ----------
-    text, option : str
     counts : tuple of int
         How many there may be.
     example : str
         How to write them.
-
-    Returns
-    -------
-    tuple of float
 
     Raises
     ------

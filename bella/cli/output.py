@@ -41,12 +41,7 @@ LEAST_WIDTH = 12
 
 
 def be_quiet(quiet: bool) -> None:
-    """Print the answer and errors only, or everything.
-
-    Parameters
-    ----------
-    quiet : bool
-    """
+    """Print the answer and errors only, or everything."""
     talk.quiet = bars.quiet = quiet
 
 
@@ -98,15 +93,10 @@ def new_table(title: str, *columns: str, left: Sequence[str] = (), whole: Sequen
     ----------
     title : str
         Empty for none.
-    *columns : str
     left : sequence of str
         Columns of words, which stand to the left; numbers stand to the right.
     whole : sequence of str
         Columns that are neither broken nor cut, such as ids.
-
-    Returns
-    -------
-    rich.table.Table
     """
     table = Table(
         title=title or None,
@@ -144,7 +134,6 @@ def write_whole(path: Path, text: str) -> None:
     ----------
     path : Path
         In a folder that exists.
-    text : str
 
     Raises
     ------
@@ -160,7 +149,6 @@ def write_csv(table: "pd.DataFrame", path: Path) -> None:
 
     Parameters
     ----------
-    table : pandas.DataFrame
     path : Path
         In a folder that exists.
 
@@ -180,7 +168,6 @@ def write_netcdf(dataset: "xr.Dataset", path: Path) -> None:
 
     Parameters
     ----------
-    dataset : xarray.Dataset
     path : Path
         In a folder that exists.
 
@@ -206,10 +193,6 @@ def replacing(path: Path) -> Iterator[Path]:
     ----------
     path : Path
         In a folder that exists.
-
-    Yields
-    ------
-    Path
 
     Raises
     ------
@@ -238,7 +221,6 @@ def steps(stage: str, total: int, *, transient: bool = False) -> Iterator[Callab
 
     Parameters
     ----------
-    stage : str
     total : int
         Steps there are.
     transient : bool
@@ -261,15 +243,10 @@ def naming_steps(
 
     Parameters
     ----------
-    stage : str
     total : int
         Steps there are.
     transient : bool
         Take the bar away in the end.
-
-    Yields
-    ------
-    advance, describe : callable
     """
     bar = new_bars(transient=transient)
     task = bar.add_task(stage, total=total)
@@ -287,12 +264,7 @@ def naming_steps(
 
 @contextmanager
 def stage_bars() -> Iterator[Progress]:
-    """Progress bars on standard error, one for each stage that the pipeline counts.
-
-    Yields
-    ------
-    rich.progress.Progress
-    """
+    """Progress bars on standard error, one for each stage that the pipeline counts."""
     from bella.pipeline.progress import listen
 
     with new_bars() as bar:

@@ -39,10 +39,8 @@ class Asked:
 
     Attributes
     ----------
-    preset, method : str
     direct : bool
         Without Prefect.
-    as_json : bool
     home : Path or None
         Folder as it was given.
     """

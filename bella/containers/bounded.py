@@ -47,8 +47,6 @@ def reading(name: str, kind: str) -> Iterator[None]:
 
     Parameters
     ----------
-    name : str
-        Name of the file.
     kind : str
         What it is read as, such as "CDF".
 

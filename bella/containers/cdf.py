@@ -58,11 +58,6 @@ NOT_STATED = 3.0
 class CdfFile:
     """An open CDF, by what its variables mean.
 
-    Parameters
-    ----------
-    path : pathlib.Path
-        The file.
-
     Attributes
     ----------
     name : str
@@ -131,8 +126,6 @@ class CdfFile:
 
         Parameters
         ----------
-        variable : str
-            Its name.
         dimensions : int, optional
             How many the array must have, records included; axes of length 1 beyond them are taken away.
 
@@ -177,8 +170,6 @@ class CdfFile:
 
         Parameters
         ----------
-        variable : str
-            Its name.
         dimensions : int, optional
             How many the array must have.
 
@@ -303,7 +294,6 @@ def in_mhz(values: npt.NDArray[Any], unit: str, highest_mhz: float, what: str) -
 
     Parameters
     ----------
-    values : numpy.ndarray
     unit : str
         What the file states, lower case; another is tried where this is none, or cannot be.
     highest_mhz : float
@@ -334,11 +324,6 @@ def in_mhz(values: npt.NDArray[Any], unit: str, highest_mhz: float, what: str) -
 @contextmanager
 def open_cdf(path: Path) -> Iterator[CdfFile]:
     """Open a CDF, packed as .cdf.gz too; whatever goes wrong while it is open is raised as an error of this file.
-
-    Parameters
-    ----------
-    path : pathlib.Path
-        The file.
 
     Yields
     ------

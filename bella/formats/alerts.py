@@ -42,7 +42,6 @@ def alert_document(alert: Alert, base_url: str) -> dict[str, Any]:
 
     Parameters
     ----------
-    alert : Alert
     base_url : str
         Address of the service, without a slash at its end; empty for paths alone.
 
@@ -154,10 +153,6 @@ def atom_feed(alerts: Sequence[Alert], base_url: str, updated_utc: str) -> str:
         Address of the service, without a slash at its end.
     updated_utc : str
         When the feed changed, where it has no alert.
-
-    Returns
-    -------
-    str
     """
     feed = Xml.Element("feed", xmlns=ATOM)
     _add(feed, "id", f"{base_url}/feed.atom")

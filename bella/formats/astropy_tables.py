@@ -26,10 +26,6 @@ STAMP_LENGTH = len("2012-06-07T19:29:15.123456Z")
 def quantity_table(table: RecordTable) -> QTable:
     """Table with units: a Quantity for what has one, a Time for times.
 
-    Parameters
-    ----------
-    table : RecordTable
-
     Returns
     -------
     astropy.table.QTable

@@ -68,12 +68,7 @@ _INSTANT = re.compile(
 
 
 class HapiError(InputError):
-    """A request that HAPI refuses with one of its status codes.
-
-    Attributes
-    ----------
-    code : int
-    """
+    """A request that HAPI refuses with one of its status codes."""
 
     def __init__(self, code: int, more: str = "") -> None:
         self.code = code
@@ -120,7 +115,6 @@ class HapiRecords:
 
     Attributes
     ----------
-    parameters : tuple of HapiParameter
     columns : tuple of ndarray
         One per parameter, shape (records,), or (records, components) for a vector; times are datetime64[us].
     """
@@ -176,7 +170,6 @@ def parse_time(text: str, code: int) -> np.datetime64:
 
     Parameters
     ----------
-    text : str
     code : int
         Status code where it cannot be read.
 
@@ -214,13 +207,8 @@ def chosen_parameters(known: Sequence[HapiParameter], asked: str | None) -> tupl
 
     Parameters
     ----------
-    known : sequence of HapiParameter
     asked : str or None
         Separated by commas; None or empty for all.
-
-    Returns
-    -------
-    tuple of str
 
     Raises
     ------
@@ -249,14 +237,9 @@ def encode(records: HapiRecords, output: str, header: Mapping[str, Any] | None) 
 
     Parameters
     ----------
-    records : HapiRecords
     output : {"csv", "json", "binary"}
     header : mapping or None
         What ``info`` says; None to leave it out (JSON always has it).
-
-    Returns
-    -------
-    bytes
     """
     if output == "json":
         columns = [_json_column(*pair) for pair in zip(records.parameters, records.columns, strict=True)]

@@ -73,7 +73,6 @@ def column_values(column: Column, given: list[object]) -> Values:
 
     Parameters
     ----------
-    column : Column
     given : list
         None for what is not known; times with or without a zone, as text, datetime or datetime64.
 
@@ -125,13 +124,8 @@ def iso_stamps(times: Values, *, microseconds: bool | None = None) -> list[str]:
 
     Parameters
     ----------
-    times : ndarray of datetime64[us]
     microseconds : bool, optional
         Write six decimals of the second; without it, where three do not say it all.
-
-    Returns
-    -------
-    list of str
     """
     known = times[~np.isnat(times)]
     fine = bool((known.astype(np.int64) % 1000).any()) if microseconds is None else microseconds

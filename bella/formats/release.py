@@ -181,7 +181,6 @@ def croissant(release: Release, sums: Mapping[str, str]) -> Json:
 
     Parameters
     ----------
-    release : Release
     sums : mapping
         SHA-256 of each file that is described on its own, by its path in the release.
     """

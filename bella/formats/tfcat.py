@@ -39,10 +39,6 @@ Json = dict[str, Any]
 def tfcat_collections(table: RecordTable) -> dict[str, Json]:
     """TFCat objects of a table of detections or arrival times.
 
-    Parameters
-    ----------
-    table : RecordTable
-
     Returns
     -------
     dict of str to dict

@@ -31,7 +31,6 @@ class DensityModel:
 
     Attributes
     ----------
-    name : str
     source : str
         Author, year, DOI.
     density_cm3 : callable
@@ -111,7 +110,6 @@ def emission_frequency_mhz(range_rsun: FloatArray, model: DensityModel, harmonic
     ----------
     range_rsun : numpy.ndarray
         Solar radii, any shape.
-    model : DensityModel
     harmonic : int
         1 or 2.
 
@@ -130,7 +128,6 @@ def emission_range_rsun(frequency_mhz: FloatArray, model: DensityModel, harmonic
     ----------
     frequency_mhz : numpy.ndarray
         MHz, any shape.
-    model : DensityModel
     harmonic : int
         1 or 2.
 

@@ -53,10 +53,6 @@ delay, and .55-.85 with 0.1 to 0.3, at timing errors of 1-3 and 3-9 s; docs/loca
 def rise_s(frequency_mhz: FloatArray) -> FloatArray:
     """Half width of the rise of a typical burst, from half of the maximum to the maximum.
 
-    Parameters
-    ----------
-    frequency_mhz : ndarray
-
     Returns
     -------
     ndarray

@@ -32,10 +32,8 @@ class Event:
         Who published it, and its id there.
     observer : str
         Where it was seen from: EARTH, or a spacecraft. Times are those at the observer.
-    start_utc : datetime
     at_sun_utc : datetime
         Start less the light travel from the Sun to the observer.
-    peak_utc, end_utc : datetime or None
     size : str
         Class of a flare, speed of a CME, particles and energies, in the words of the list.
     latitude_deg, longitude_deg : float or None

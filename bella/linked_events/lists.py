@@ -68,13 +68,8 @@ def read_event_list(path: Path, now: datetime | None = None) -> EventList:
 
     Parameters
     ----------
-    path : Path
     now : datetime.datetime, optional
         Time of reading; later events are left out.
-
-    Returns
-    -------
-    EventList
 
     Raises
     ------

@@ -52,7 +52,6 @@ def links_of(released_utc: datetime, events: Iterable[Event], others_utc: Iterab
     ----------
     released_utc : datetime.datetime
         Start of the burst at the Sun.
-    events : iterable of Event
     others_utc : iterable of datetime.datetime
         Begins of other bursts at the Sun.
 

@@ -103,14 +103,6 @@ def axes_of(problems: Problems) -> Axes:
 
     Gauss-Newton steps from the best of some places lead to its top. They need not succeed: with poor axes cells are
     more, not worse.
-
-    Parameters
-    ----------
-    problems : Problems
-
-    Returns
-    -------
-    Axes
     """
     top, information = _top(problems)
     angle = 0.5 * np.arctan2(2 * information[0, 1], information[0, 0] - information[1, 1])

@@ -129,15 +129,10 @@ def divide(problems: Problems, *, tolerance: float = TOLERANCE, drop_nats: float
 
     Parameters
     ----------
-    problems : Problems
     tolerance : float
         Longest edge of a final cell, in local standard deviations.
     drop_nats : float
         A cell is dropped when its bound is this far below the best density.
-
-    Returns
-    -------
-    Cells
 
     Raises
     ------
@@ -230,7 +225,6 @@ def _upper_bound(  # noqa: PLR0913, PLR0917
 
     Parameters
     ----------
-    here : Problems
     seen : Survey
         Of the centres.
     half_sides : ndarray, shape (D, M)

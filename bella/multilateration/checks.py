@@ -84,15 +84,8 @@ def check_clocks(grid: ArrivalGrid, position_rsun: FloatArray, priors: Priors, d
 
     Parameters
     ----------
-    grid : ArrivalGrid
     position_rsun : ndarray, shape (F, D)
         Where the sources were found.
-    priors : Priors
-    delay : DirectionalDelay
-
-    Returns
-    -------
-    ClockCheck
     """
     dimensions = position_rsun.shape[1]
     received = np.isfinite(grid.arrival_s).sum(axis=1)
@@ -121,14 +114,8 @@ def late_clocks(grid: ArrivalGrid, check: ClockCheck, recipe: Recipe) -> LateClo
 
     Parameters
     ----------
-    grid : ArrivalGrid
     check : ClockCheck
         With offsets that are known.
-    recipe : Recipe
-
-    Returns
-    -------
-    LateClocks
     """
     number = len(grid.observatories)
     chosen = np.eye(number + 1, number, k=-1)  # first that no clock is late
@@ -214,12 +201,9 @@ def clock_shift_rsun(
 
     Parameters
     ----------
-    grid : ArrivalGrid
     position_rsun : ndarray, shape (F, D)
     covariance_rsun2 : ndarray, shape (F, D, D)
         Of the posterior.
-    priors : Priors
-    delay : DirectionalDelay
 
     Returns
     -------
@@ -324,15 +308,10 @@ def predictive_check(grid: ArrivalGrid, draws: Draws, bad_probability: FloatArra
 
     Parameters
     ----------
-    grid : ArrivalGrid
     draws : Draws
         One problem per frequency of the grid.
     bad_probability : ndarray, shape (F, n)
         That an arrival time is bad.
-
-    Returns
-    -------
-    Predictive
     """
     blocks = [slice(first, first + BLOCK) for first in range(0, len(draws.position), BLOCK)]
     rows = np.arange(grid.frequency_mhz.size)
@@ -374,7 +353,6 @@ def predicted_arrivals(grid: ArrivalGrid, draws: Draws) -> FloatArray:
 
     Parameters
     ----------
-    grid : ArrivalGrid
     draws : Draws
         One problem per frequency of the grid, of N draws.
 

@@ -161,7 +161,6 @@ def density(problems: Problems, points: FloatArray) -> FloatArray:
 
     Parameters
     ----------
-    problems : Problems
     points : ndarray, shape (D, *S)
         Solar radii.
 
@@ -197,10 +196,6 @@ def evaluate(problems: Problems, points: FloatArray) -> Local:
         With the trailing shape S of the points, or one that broadcasts against it.
     points : ndarray, shape (D, *S)
         Coordinates by row, solar radii.
-
-    Returns
-    -------
-    Local
     """
     priors, delay = problems.priors, problems.delay
     distance, late = paths(problems, points)
@@ -226,7 +221,6 @@ def paths(problems: Problems, points: FloatArray) -> tuple[FloatArray, FloatArra
 
     Parameters
     ----------
-    problems : Problems
     points : ndarray, shape (D, *S)
         Solar radii.
 
@@ -286,10 +280,6 @@ def survey(problems: Problems, points: FloatArray, turn: FloatArray, lean: Float
         Cosine and sine of the angle from the x axis to the first axis.
     lean : ndarray, shape (*S), or None
         Step along the first axis that goes with one along the second, where axes are bent.
-
-    Returns
-    -------
-    Survey
     """
     distance, late = paths(problems, points)
     g = _integrals(problems, distance, late)

@@ -188,8 +188,6 @@ def solution_dataset(
     ----------
     grid : ArrivalGrid
         With the timing errors that were used.
-    posterior : Posterior
-    recipe : Recipe
     check : ClockCheck, optional
         Of the clocks; made from the posterior where it is left out.
 
@@ -329,12 +327,6 @@ def _provenance(grid: ArrivalGrid, recipe: Recipe) -> dict[str, object]:
 def summarise(grid: ArrivalGrid, posterior: Posterior, preset: Preset) -> dict[str, FloatArray]:
     """Numbers of each frequency, shape (F,).
 
-    Parameters
-    ----------
-    grid : ArrivalGrid
-    posterior : Posterior
-    preset : Preset
-
     Returns
     -------
     dict of str to ndarray
@@ -397,18 +389,7 @@ def _misfit(grid: ArrivalGrid, posterior: Posterior, preset: Preset) -> FloatArr
 
 
 def of_receivers(grid: ArrivalGrid, posterior: Posterior, preset: Preset) -> tuple[dict[str, FloatArray], FloatArray]:
-    """Residuals of each receiver, shape (F, n), and the predictive p-value of each frequency, shape (F,).
-
-    Parameters
-    ----------
-    grid : ArrivalGrid
-    posterior : Posterior
-    preset : Preset
-
-    Returns
-    -------
-    dict of str to ndarray, ndarray
-    """
+    """Residuals of each receiver, shape (F, n), and the predictive p-value of each frequency, shape (F,)."""
     check = predictive_check(grid, posterior.draws, posterior.moments.bad_probability)
     bad = np.where(np.isfinite(grid.arrival_s), posterior.moments.bad_probability, np.nan)
     columns = {"residual_s": check.residual_s, "residual_p": check.receiver_p, "bad_probability": bad}
@@ -419,16 +400,7 @@ def of_receivers(grid: ArrivalGrid, posterior: Posterior, preset: Preset) -> tup
 
 
 def of_modes(regions: Sequence[Region]) -> Mapping[str, FloatArray]:
-    """Weight (F, J) and mean position (F, J, 3) of the modes; weight 0 and position NaN where there are fewer than J.
-
-    Parameters
-    ----------
-    regions : sequence of Region
-
-    Returns
-    -------
-    mapping of str to ndarray
-    """
+    """Weight (F, J) and mean position (F, J, 3) of modes; weight 0 and position NaN where there are fewer than J."""
     most = max(region.modes.weight.size for region in regions)
     weight = np.zeros((len(regions), most))
     mean = np.full((len(regions), most, 3), np.nan)

@@ -39,7 +39,6 @@ def nuts_posterior(grid: ArrivalGrid, recipe: Recipe, advance: Callable[[int], N
     ----------
     grid : ArrivalGrid
         With the timing errors to use.
-    recipe : Recipe
     advance : callable
         Told how many frequencies are done since the last call.
 
@@ -71,7 +70,6 @@ def sample_frequency(grid: ArrivalGrid, row: int, recipe: Recipe) -> Draws:
         With the timing errors to use.
     row : int
         Which frequency of the grid.
-    recipe : Recipe
 
     Returns
     -------
@@ -104,15 +102,7 @@ def sample_frequency(grid: ArrivalGrid, row: int, recipe: Recipe) -> Draws:
 
 @dataclass(frozen=True)
 class ModelShape:
-    """What a compiled model depends on; everything else is data that are put in later.
-
-    Attributes
-    ----------
-    receivers, dimensions : int
-    priors : Priors
-    noise : Noise
-    delay : DirectionalDelay
-    """
+    """What a compiled model depends on; everything else is data that are put in later."""
 
     receivers: int
     dimensions: int

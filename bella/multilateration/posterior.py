@@ -41,7 +41,6 @@ class Draws:
         Solar radii.
     emission_s : ndarray, shape (B, N)
         After the reference time of the grid, s.
-    v_over_c, kappa : ndarray, shape (B, N)
     effective : ndarray, shape (B,)
         Effective number of draws before resampling, (sum w)^2 / sum w^2.
     """
@@ -67,7 +66,6 @@ class Moments:
         Emission time after the reference time of the grid, s.
     v_over_c, v_over_c_sd : ndarray, shape (B,)
         Propagation speed.
-    log_evidence : ndarray, shape (B,)
     above_c : ndarray, shape (B,)
         Probability that the speed is above that of light.
     prior_pull : ndarray, shape (B, D)
@@ -98,9 +96,6 @@ class Posterior:
 
     Attributes
     ----------
-    draws : Draws
-    moments : Moments
-    regions : sequence of Region
     remarks : sequence of str
         Flags that the method itself raises, one text per frequency, joined by semicolons; none if empty.
     """
@@ -136,15 +131,10 @@ def exact_posterior(
     ----------
     grid : ArrivalGrid
         With the timing errors to use.
-    recipe : Recipe
     advance : callable
         Told how many frequencies are done since the last call.
     clocks : LateClocks, optional
         In place of the noise of the preset.
-
-    Returns
-    -------
-    Posterior
 
     Raises
     ------
@@ -172,8 +162,6 @@ def log_evidence(grid: ArrivalGrid, recipe: Recipe, late_s: FloatArray, late_sd_
 
     Parameters
     ----------
-    grid : ArrivalGrid
-    recipe : Recipe
     late_s, late_sd_s : ndarray, shape (n,)
 
     Returns
@@ -221,17 +209,7 @@ def _halved(problems: Problems, frequency_mhz: FloatArray) -> Iterator[tuple[Pro
 
 
 def moments_of(problems: Problems, cells: Cells) -> Moments:
-    """Summary of the posterior held by cells (midpoint rule).
-
-    Parameters
-    ----------
-    problems : Problems
-    cells : Cells
-
-    Returns
-    -------
-    Moments
-    """
+    """Summary of the posterior held by cells (midpoint rule)."""
     count, owner, local, speed = problems.count, cells.owner, cells.local, cells.speed
     joint, log_sum = normalised(cells.log_density, owner, count)
 
@@ -292,16 +270,10 @@ def draw(problems: Problems, cells: Cells, number: int, rng: np.random.Generator
 
     Parameters
     ----------
-    problems : Problems
     cells : Cells
         Of the same problems.
     number : int
         Draws N per problem.
-    rng : numpy.random.Generator
-
-    Returns
-    -------
-    Draws
     """
     change = _change_across(problems, cells)
     widened = np.log(np.sinh(change) / change).sum(axis=0)

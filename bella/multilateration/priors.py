@@ -148,14 +148,10 @@ class Preset:
 
     Attributes
     ----------
-    name : str
-    priors : Priors
     sigma_rule : {"table", "cadence", "constant"}
         Timing error from the arrival table, from the cadence of the receiver, or `sigma_s` for all.
     sigma_s : float
         Used by the rule "constant", s.
-    noise : Noise
-    delay : DirectionalDelay
     """
 
     name: str
@@ -268,15 +264,6 @@ def find_preset(name: str) -> Preset:
 def apply_sigma_rule(grid: ArrivalGrid, preset: Preset) -> ArrivalGrid:
     """Replace the timing errors of a grid as a preset says; what is missing stays missing, offsets and delays stay.
 
-    Parameters
-    ----------
-    grid : ArrivalGrid
-    preset : Preset
-
-    Returns
-    -------
-    ArrivalGrid
-
     Raises
     ------
     InputError
@@ -298,7 +285,6 @@ def fleet_sigma(
     ----------
     receivers : pandas.DataFrame
         With columns observatory and sigma_s (s, NaN where it is not known).
-    preset : Preset
     given : dict of str to float, or float, or None
         Of some spacecraft, of all alike, or of none, s.
 

@@ -56,8 +56,6 @@ class Problems:
         Largest length of T v for any v whose elements lie within -1 and 1, s^-1.
     bad : ndarray of bool, shape (K, n)
         Which arrival times are bad in each component of the noise.
-    priors : Priors
-    delay : DirectionalDelay
     dimensions : int
         2: the source is in the ecliptic plane; the receivers never are made to be.
     """
@@ -157,17 +155,8 @@ def problems_of(  # noqa: PLR0913, PLR0917
 
     Parameters
     ----------
-    grid : ArrivalGrid
-    priors : Priors
-    dimensions : int
-    noise : Noise
-    delay : DirectionalDelay
     clocks : LateClocks, optional
         In place of `noise`.
-
-    Returns
-    -------
-    Problems
 
     Raises
     ------
@@ -216,8 +205,6 @@ class Whitened:
 
     Attributes
     ----------
-    whitening : ndarray, shape (K, B, n - 1, n)
-    mean_weight : ndarray, shape (K, B, n)
     total_weight, log_norm : ndarray, shape (K, B)
         W, and -log det L.
     reference : ndarray of int, shape (K, B)
@@ -242,10 +229,6 @@ def whiten(covariance_s2: FloatArray, extra_s2: FloatArray, frequency_mhz: Float
         Variance that is added in each component of the noise, s^2.
     frequency_mhz : ndarray, shape (B,)
         Named in the error.
-
-    Returns
-    -------
-    Whitened
 
     Raises
     ------
@@ -315,10 +298,6 @@ def blocks(owner: IntArray) -> Iterator[tuple[slice, slice | IntArray]]:
     ----------
     owner : ndarray of int, shape (M,)
         Problem of each point, ascending.
-
-    Yields
-    ------
-    slice, slice or ndarray of int
     """
     edges = [int(edge) for edge in np.flatnonzero(np.diff(owner, prepend=-1, append=-1))]
     first = 0

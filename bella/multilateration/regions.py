@@ -42,7 +42,6 @@ class Image:
 
     Attributes
     ----------
-    log_density : ndarray, shape (N, ...)
     corner : ndarray, shape (D,)
         Place of the first lattice point along the axes of the lattice, solar radii.
     pitch : ndarray, shape (D,)
@@ -102,7 +101,6 @@ class Region:
         Closed polygons around the regions of (x, y), separated by a row of NaN, solar radii.
     mode_rsun : ndarray, shape (D,)
         Position of the highest density.
-    modes : Modes
     """
 
     area_rsun2: tuple[float, ...]
@@ -148,11 +146,6 @@ def component_density(problems: Problems, points: FloatArray) -> FloatArray:
 
 def regions_of(problems: Problems, cells: Cells) -> list[Region]:
     """Credible regions of each problem, from its density on cells divided further.
-
-    Parameters
-    ----------
-    problems : Problems
-    cells : Cells
 
     Returns
     -------
@@ -211,10 +204,6 @@ def region_of_draws(positions: FloatArray) -> Region:
     ----------
     positions : ndarray, shape (N, D)
         Solar radii.
-
-    Returns
-    -------
-    Region
     """
     fine = _kernel_image(positions, len(positions) ** (-1 / (4 + positions.shape[1])))
     region = _region(fine, fine.log_density.ravel())
@@ -310,14 +299,6 @@ def find_modes(image: Image) -> Modes:
     Every point belongs to the maximum that steepest ascent leads to. A narrow ridge across the lattice has many maxima
     that only the lattice makes: a maximum counts when every way to a higher one leads down by
     `Thresholds.mode_depth_nats`. One that does not count joins the basin across its highest saddle.
-
-    Parameters
-    ----------
-    image : Image
-
-    Returns
-    -------
-    Modes
     """
     shape = image.log_density.shape
     inner = np.pad(image.log_density, 1, constant_values=-np.inf)

@@ -58,17 +58,7 @@ class SpeedMoments:
 
 
 def speed_moments(local: Local, priors: Priors) -> SpeedMoments:
-    """Moments of slowness and speed given the position.
-
-    Parameters
-    ----------
-    local : Local
-    priors : Priors
-
-    Returns
-    -------
-    SpeedMoments
-    """
+    """Moments of slowness and speed given the position."""
     if speed_prior_is_gaussian(priors):
         return _of_narrow_prior(local)
     nodes, log_weight = speed_nodes(local, priors)
@@ -111,11 +101,6 @@ def speed_prior_is_gaussian(priors: Priors) -> bool:
 def log_speed_factor(local: Local, priors: Priors) -> FloatArray:
     """Change of the log density of x when the prior of the speed is that of the model instead of Gaussian in u.
 
-    Parameters
-    ----------
-    local : Local
-    priors : Priors
-
     Returns
     -------
     ndarray
@@ -129,11 +114,6 @@ def log_speed_factor(local: Local, priors: Priors) -> FloatArray:
 
 def speed_nodes(local: Local, priors: Priors) -> tuple[FloatArray, FloatArray]:
     """Quadrature over u | x under the prior of the model.
-
-    Parameters
-    ----------
-    local : Local
-    priors : Priors
 
     Returns
     -------
@@ -181,7 +161,6 @@ def log_prior_ratio(slowness: FloatArray, priors: Priors) -> FloatArray:
     ----------
     slowness : ndarray
         u, s per solar radius; any shape. Speeds above the largest are not looked for.
-    priors : Priors
 
     Returns
     -------
@@ -204,8 +183,6 @@ def draw_slowness(local: Local, priors: Priors, rng: np.random.Generator) -> tup
     ----------
     local : Local
         Of components that were drawn: shape (1, *S).
-    priors : Priors
-    rng : numpy.random.Generator
 
     Returns
     -------

@@ -163,10 +163,6 @@ def solve(
     correlation : ndarray, shape (B, n, n), optional
         Of the errors; not read where a receiver is missing.
 
-    Returns
-    -------
-    TdoaSolution
-
     Raises
     ------
     InputError
@@ -297,7 +293,6 @@ def tdoa_posterior(grid: ArrivalGrid, recipe: Recipe, advance: Callable[[int], N
     ----------
     grid : ArrivalGrid
         With the timing errors to use.
-    recipe : Recipe
     advance : callable
         Told how many frequencies are done since the last call.
 

@@ -111,10 +111,6 @@ def timing_of(
     correlation : ndarray, shape (B, n, n), optional
         Of the errors; not read where a receiver is missing.
 
-    Returns
-    -------
-    Timing
-
     Raises
     ------
     InputError
@@ -186,7 +182,6 @@ def misfit(timing: Timing, points: FloatArray) -> FloatArray:
 
     Parameters
     ----------
-    timing : Timing
     points : ndarray, shape (B, D)
         Solar radii.
 
@@ -209,7 +204,6 @@ def directions(timing: Timing, points: FloatArray) -> tuple[FloatArray, FloatArr
 
     Parameters
     ----------
-    timing : Timing
     points : ndarray, shape (B, D)
         Solar radii.
 
@@ -236,7 +230,6 @@ def descend(timing: Timing, start: FloatArray) -> FloatArray:
 
     Parameters
     ----------
-    timing : Timing
     start : ndarray, shape (B, D)
         Solar radii.
 
@@ -285,11 +278,6 @@ def _step(timing: Timing, points: FloatArray, damping: FloatArray) -> FloatArray
 
 def coarse_start(timing: Timing, dimensions: int) -> FloatArray:
     """Node of least misfit of a coarse lattice over the search region.
-
-    Parameters
-    ----------
-    timing : Timing
-    dimensions : int
 
     Returns
     -------
@@ -340,7 +328,6 @@ def information(timing: Timing, points: FloatArray) -> FloatArray:
 
     Parameters
     ----------
-    timing : Timing
     points : ndarray, shape (B, D)
         Solar radii.
 
@@ -413,15 +400,10 @@ def emission(timing: Timing, points: FloatArray, position_covariance: FloatArray
 
     Parameters
     ----------
-    timing : Timing
     points : ndarray, shape (B, D)
         Solar radii.
     position_covariance : ndarray, shape (B, D, D)
         Square solar radii.
-
-    Returns
-    -------
-    Emission
     """
     distance, unit = directions(timing, points)
     since_first = (timing.share * (timing.delay_s - distance / C_RSUN_S)).sum(axis=1)

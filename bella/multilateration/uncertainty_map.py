@@ -59,7 +59,6 @@ class Receivers:
 
     Attributes
     ----------
-    observatories : tuple of str, length n
     position_rsun : ndarray, shape (n, 3)
         Solar radii, HEE.
     sigma_s : ndarray, shape (n,)
@@ -99,11 +98,6 @@ def exact_nodes(size: int, *, exact: bool) -> int:
     ----------
     size : int
         Nodes per axis of the map.
-    exact : bool
-
-    Returns
-    -------
-    int
     """
     return (size if exact else min(size, COARSE_SIZE)) ** 2
 
@@ -339,7 +333,6 @@ def closed_form_covariance(points: FloatArray, receivers: Receivers, priors: Pri
     ----------
     points : ndarray, shape (N, 2)
         True positions in the ecliptic plane, solar radii, HEE.
-    receivers : Receivers
     priors : Priors
         That of the position counts as the Gaussian with its standard deviation.
 
@@ -389,8 +382,6 @@ def exact_covariance(
     ----------
     points : ndarray, shape (N, 2)
         True positions, solar radii, HEE.
-    receivers : Receivers
-    priors : Priors
     processes : int, optional
         Most processes to use; all cores when left out. They are spawned: a script that asks for more than one keeps its
         own work under ``if __name__ == "__main__"``.
@@ -484,7 +475,6 @@ def noise_free_arrivals(points: FloatArray, receivers: Receivers) -> ArrivalGrid
     ----------
     points : ndarray, shape (N, 2)
         True positions in the ecliptic plane, solar radii, HEE.
-    receivers : Receivers
 
     Returns
     -------

@@ -70,7 +70,6 @@ def signature(secret: str, timestamp: str, body: bytes) -> str:
     timestamp : str
         Value of the header ``X-Bella-Timestamp``, seconds since 1970: a receiver refuses what is older than some
         minutes, so that nobody can send it again.
-    body : bytes
 
     Returns
     -------
@@ -85,7 +84,6 @@ def check_address(url: str, *, private: bool) -> None:
 
     Parameters
     ----------
-    url : str
     private : bool
         Whether this machine, private networks and plain HTTP are allowed.
 
@@ -151,14 +149,8 @@ def deliver_alerts(settings: Settings, run_id: str = "alerts", now: Callable[[],
 
     Parameters
     ----------
-    settings : Settings
-    run_id : str
     now : callable
         Clock.
-
-    Returns
-    -------
-    Delivered
 
     Raises
     ------
@@ -189,7 +181,6 @@ def delivering(settings: Settings, pause_s: float = PAUSE_S) -> Iterator[None]:
 
     Parameters
     ----------
-    settings : Settings
     pause_s : float
         Between two passes, s.
     """

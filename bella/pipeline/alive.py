@@ -30,7 +30,6 @@ class Link:
 
     Attributes
     ----------
-    name : str
     state : str
         ``ok``, ``stale``, or ``not in use`` where the settings do not ask for it.
     message : str
@@ -66,14 +65,8 @@ def chain(operation: Operation, settings: Settings, now: datetime, watched_since
     ----------
     operation : Operation
         Of the catalogue.
-    settings : Settings
-    now : datetime.datetime
     watched_since : datetime.datetime
         When the process that asks was started: what has not happened since long before is not missed yet.
-
-    Returns
-    -------
-    tuple of Link
     """
     freshness, mock = operation.freshness(), operation.last_mock()
     return (

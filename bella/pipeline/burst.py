@@ -89,9 +89,6 @@ class Begun:
     ----------
     given : BurstInput
         With its spectra in the store, once a solution is published.
-    choice : Choice
-    around : Surroundings
-    begun_utc : datetime.datetime
     outcomes : tuple of Outcome
         Solutions that are published.
     fitted : mapping of str to Fitted
@@ -124,9 +121,6 @@ def begin_burst(given: BurstInput, choice: Choice, settings: Settings, run_id: s
     ----------
     given : BurstInput
         Received by two spacecraft: a preliminary track is published.
-    choice : Choice
-    settings : Settings
-    run_id : str
 
     Returns
     -------
@@ -153,12 +147,6 @@ def continue_burst(begun: Begun, settings: Settings, run_id: str) -> Begun | Bur
     """Do the next step of a burst: one more solution, what other methods say of one, or in the end its figures.
 
     Each takes a few seconds, so that work which is more urgent soon finds a worker.
-
-    Parameters
-    ----------
-    begun : Begun
-    settings : Settings
-    run_id : str
 
     Returns
     -------
@@ -381,7 +369,6 @@ def circle_dataset(joint: JointTrack, burst_id: str, edge: str) -> xr.Dataset:
     ----------
     joint : JointTrack
         Of tier "preliminary".
-    burst_id, edge : str
 
     Returns
     -------
@@ -410,8 +397,6 @@ def preliminary_level(catalogue: Catalogue, burst_id: str, track: Track) -> Prel
 
     Parameters
     ----------
-    catalogue : Catalogue
-    burst_id : str
     track : Track
         The final one.
 

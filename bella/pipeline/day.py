@@ -106,7 +106,6 @@ class FoundDay:
 
     Attributes
     ----------
-    files : DayFiles
     spectra : tuple of Dataset
         Over their background, of each spacecraft that had data.
     bursts : tuple of FoundBurst
@@ -145,13 +144,8 @@ def search_day(files: DayFiles, known: Sequence[KnownBurst]) -> FoundDay:
 
     Parameters
     ----------
-    files : DayFiles
     known : sequence of (str, datetime)
         Bursts of the catalogue around the day.
-
-    Returns
-    -------
-    FoundDay
 
     Raises
     ------
@@ -194,10 +188,6 @@ def received_by_two(burst: AssociatedBurst) -> bool:
     ----------
     burst : AssociatedBurst
         That cannot be localised.
-
-    Returns
-    -------
-    bool
     """
     alone = [member.candidate for member in burst.members if member.fits]
     if len(alone) != THRESHOLDS.spacecraft - 1 or GROUP in {member.unfit for member in burst.members}:
@@ -208,10 +198,6 @@ def received_by_two(burst: AssociatedBurst) -> bool:
 
 def day_spectra(files: DayFiles) -> tuple[dict[str, xr.Dataset], tuple[str, ...]]:
     """Spectra of a day with what of its neighbours belongs to it, one of each spacecraft that had data.
-
-    Parameters
-    ----------
-    files : DayFiles
 
     Returns
     -------
@@ -267,11 +253,6 @@ def _reaches(spectrum: xr.Dataset, midnight: np.datetime64) -> bool:
 
 def timed_burst(files: DayFiles, one: FoundBurst) -> BurstInput:
     """Time a burst by the spacecraft that received it well.
-
-    Parameters
-    ----------
-    files : DayFiles
-    one : FoundBurst
 
     Returns
     -------
@@ -330,7 +311,6 @@ def sources_of(files: DayFiles, parts: Sequence[xr.Dataset]) -> tuple[SourceFile
 
     Parameters
     ----------
-    files : DayFiles
     parts : sequence of Dataset
         What :func:`bella.bursts.timing.burst_spectrum` returns for each spacecraft.
 
@@ -412,11 +392,6 @@ def known_bursts(catalogue: Catalogue, first: date, last: date) -> tuple[KnownBu
 
     Read once before days are processed, so that their names do not depend on which day is done first.
 
-    Parameters
-    ----------
-    catalogue : Catalogue
-    first, last : datetime.date
-
     Returns
     -------
     tuple of (str, datetime)
@@ -474,13 +449,8 @@ def detection_records(table: pd.DataFrame, verdicts: dict[str, tuple[str, str]])
 
     Parameters
     ----------
-    table : pandas.DataFrame
     verdicts : dict of str to (str, str)
         By the name in the table: the id in the catalogue, and why the burst was not localised, empty if it was.
-
-    Returns
-    -------
-    list of Detection
     """
     records = []
     for row in table.to_dict("records"):

@@ -44,7 +44,6 @@ class DayFiles:
 
     Attributes
     ----------
-    day : datetime.date
     paths : tuple of Path
         Empty where the mirror has no file of the day itself.
     sources : tuple of SourceFile
@@ -82,7 +81,6 @@ def fetch_range(days: Sequence[date], archive: str, settings: Settings) -> tuple
         In order, without a gap.
     archive : str
         URL or folder.
-    settings : Settings
 
     Returns
     -------
@@ -114,11 +112,6 @@ def fetch_range(days: Sequence[date], archive: str, settings: Settings) -> tuple
 def remember_answers(outcomes: Iterable[DayInMirror], mirror: Path) -> None:
     """Keep what the archive answered about each data set and day, beside what it answered about others.
 
-    Parameters
-    ----------
-    outcomes : iterable of DayInMirror
-    mirror : Path
-
     Raises
     ------
     StoreError
@@ -148,12 +141,7 @@ def answers_of(day: date, mirror: Path) -> dict[str, str]:
 
 
 class Mirror:
-    """The mirror as one run sees it: each folder is listed once.
-
-    Parameters
-    ----------
-    settings : Settings
-    """
+    """The mirror as one run sees it: each folder is listed once."""
 
     def __init__(self, settings: Settings) -> None:
         self._settings = settings
@@ -163,14 +151,6 @@ class Mirror:
 
     def day(self, day: date) -> DayFiles:
         """Which files of the mirror a day is read from.
-
-        Parameters
-        ----------
-        day : datetime.date
-
-        Returns
-        -------
-        DayFiles
 
         Raises
         ------
@@ -203,15 +183,6 @@ class Mirror:
 
     def newest(self, dataset: Dataset, day: date) -> "tuple[Path, SourceFile] | None":
         """Newest whole file of a data set and day; None where there is none.
-
-        Parameters
-        ----------
-        dataset : Dataset
-        day : datetime.date
-
-        Returns
-        -------
-        tuple of (Path, SourceFile), or None
 
         Raises
         ------
@@ -269,11 +240,6 @@ def _sha256(path: Path) -> str:
 def check_content(path: Path, source: SourceFile) -> str:
     """Read a file through, and say what is wrong with its content.
 
-    Parameters
-    ----------
-    path : Path
-    source : SourceFile
-
     Returns
     -------
     str
@@ -294,11 +260,6 @@ def check_content(path: Path, source: SourceFile) -> str:
 def with_surroundings(files: DayFiles, settings: Settings) -> DayFiles:
     """Files of a day whose checksum changes with the wind and the regions that its bursts are compared with.
 
-    Parameters
-    ----------
-    files : DayFiles
-    settings : Settings
-
     Returns
     -------
     DayFiles
@@ -312,11 +273,6 @@ def with_surroundings(files: DayFiles, settings: Settings) -> DayFiles:
 
 class BroughtFolder:
     """A folder of spectra as one run sees it: each file is looked through once.
-
-    Parameters
-    ----------
-    folder : Path
-    settings : Settings
 
     Raises
     ------
@@ -356,14 +312,6 @@ class BroughtFolder:
 
     def day(self, day: date) -> DayFiles:
         """Which files of the folder a day is read from.
-
-        Parameters
-        ----------
-        day : datetime.date
-
-        Returns
-        -------
-        DayFiles
 
         Raises
         ------

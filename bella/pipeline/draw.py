@@ -66,13 +66,6 @@ class Drawn:
 def draw_burst(given: BurstInput, solutions: Sequence[Drawn], settings: Settings, around: Surroundings) -> None:
     """Draw constellation, wind, spectra and profile of a burst, unless all were drawn after its newest solution.
 
-    Parameters
-    ----------
-    given : BurstInput
-    solutions : sequence of Drawn
-    settings : Settings
-    around : Surroundings
-
     Raises
     ------
     OSError, StoreError
@@ -191,11 +184,8 @@ def draw_day(day: date, spectra: Sequence[xr.Dataset], found: Sequence[Detection
 
     Parameters
     ----------
-    day : datetime.date
     spectra : sequence of xarray.Dataset
         Over their background, one of each spacecraft.
-    found : sequence of Detection
-    settings : Settings
 
     Returns
     -------
@@ -217,12 +207,6 @@ def draw_day(day: date, spectra: Sequence[xr.Dataset], found: Sequence[Detection
 def redraw_day(files: DayFiles, found: Sequence[Detection], settings: Settings) -> bool:
     """Draw a day that was searched before, from its files and what was found in them.
 
-    Parameters
-    ----------
-    files : DayFiles
-    found : sequence of Detection
-    settings : Settings
-
     Returns
     -------
     bool
@@ -237,16 +221,7 @@ def redraw_day(files: DayFiles, found: Sequence[Detection], settings: Settings) 
 
 
 def detection_frame(found: Iterable[Detection]) -> pd.DataFrame:
-    """Detection table of records, with times as spectra have them: UTC without a zone.
-
-    Parameters
-    ----------
-    found : iterable of Detection
-
-    Returns
-    -------
-    pandas.DataFrame
-    """
+    """Detection table of records, with times as spectra have them: UTC without a zone."""
     table = pd.DataFrame([asdict(one) for one in found], columns=list(Detection.__dataclass_fields__))
     times = {name: pd.to_datetime(table[name], utc=True).dt.tz_localize(None) for name in TIMES}
     return table.assign(**times).astype(dict.fromkeys(TIMES, "datetime64[ns]"))

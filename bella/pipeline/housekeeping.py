@@ -35,12 +35,6 @@ log = structlog.get_logger(__name__)
 def sweep_store(catalogue: Catalogue, settings: Settings, run_id: str) -> list[str]:
     """Remove from the store what killed runs have left, unless another run is doing so.
 
-    Parameters
-    ----------
-    catalogue : Catalogue
-    settings : Settings
-    run_id : str
-
     Returns
     -------
     list of str
@@ -55,16 +49,7 @@ def sweep_store(catalogue: Catalogue, settings: Settings, run_id: str) -> list[s
 
 
 def has_event(catalogue: Catalogue) -> bool:
-    """Whether the built-in event is published, and nothing of its solutions is to follow.
-
-    Parameters
-    ----------
-    catalogue : Catalogue
-
-    Returns
-    -------
-    bool
-    """
+    """Whether the built-in event is published, and nothing of its solutions is to follow."""
     try:
         known = catalogue.burst(EVENT.burst_id).solutions
     except NoDataError:
@@ -88,17 +73,12 @@ def prune(
 
     Parameters
     ----------
-    settings : Settings
     older_than : datetime.timedelta
         Since they were superseded.
     dry_run : bool
         True to change nothing.
     advance : callable
         Told 1 after each solution.
-
-    Returns
-    -------
-    tuple of Pruned
 
     Raises
     ------
@@ -130,7 +110,6 @@ def pack(settings: Settings, advance: Callable[[int], None] = lambda _: None) ->
 
     Parameters
     ----------
-    settings : Settings
     advance : callable
         Told 1 after each group.
 
@@ -163,7 +142,6 @@ def damage_of(group: StoredGroup, root: Path) -> str:
 
     Parameters
     ----------
-    group : StoredGroup
     root : Path
         Of the store.
 

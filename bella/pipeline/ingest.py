@@ -82,17 +82,7 @@ class Feed:
 
 
 def feeds(settings: Settings, today: date) -> tuple[Feed, ...]:
-    """What is fetched on a schedule: spectra of recent days, winds and regions where the settings name a folder.
-
-    Parameters
-    ----------
-    settings : Settings
-    today : datetime.date
-
-    Returns
-    -------
-    tuple of Feed
-    """
+    """What is fetched on a schedule: spectra of recent days, winds and regions where the settings name a folder."""
     first = today - settings.recent_days * DAY
     winds = tuple(one for one in COMPANIONS if one.kind == "in_situ")
     regions = tuple(one for one in COMPANIONS if one.kind == "regions")
@@ -127,17 +117,12 @@ def bring_up_to_date(
 
     Parameters
     ----------
-    settings : Settings
     now : datetime.datetime, optional
         Time of this round; the time of day when not given.
     beat : callable
         Called after every day of a data set, as a sign of life.
     all_due : bool
         Ask for all data sets, whenever they were asked last.
-
-    Returns
-    -------
-    Round
 
     Raises
     ------
@@ -275,7 +260,6 @@ def follow(settings: Settings, beat: Beat = lambda: None) -> None:
 
     Parameters
     ----------
-    settings : Settings
     beat : callable
         Called at least once a minute, and after every day of a data set.
     """

@@ -41,14 +41,12 @@ class BurstInput:
 
     Attributes
     ----------
-    burst : Burst
     arrivals : mapping of str to DataFrame
         Arrival table of each definition of the edge.
     channel_edges : mapping of str to DataFrame
         What is drawn on the spectra, by definition of the edge.
     spectra : DataTree or None
         One DynamicSpectrum per observatory; None where only arrival times were submitted.
-    sources : tuple of SourceFile
     published_track : mapping
         What a paper says of the track; empty where there is none.
     channel_arrivals : mapping of str to DataFrame
@@ -88,10 +86,6 @@ def origin_of(spectra: Iterable[xr.Dataset]) -> Origin:
     ----------
     spectra : iterable of xarray.Dataset
         Those that do not say so are of the archive.
-
-    Returns
-    -------
-    Origin
     """
     found = [Origin(str(one.attrs.get("origin", Origin.ARCHIVE.value))) for one in spectra]
     return max(found, key=list(Origin).index, default=Origin.ARCHIVE)
@@ -102,13 +96,8 @@ def load_burst(subject: str, incoming: Path) -> BurstInput:
 
     Parameters
     ----------
-    subject : str
     incoming : Path
         Folder of the submitted tables.
-
-    Returns
-    -------
-    BurstInput
 
     Raises
     ------
@@ -126,7 +115,6 @@ def check_subject(subject: str, incoming: Path) -> None:
 
     Parameters
     ----------
-    subject : str
     incoming : Path
         Folder of the submitted tables.
 
@@ -175,16 +163,7 @@ def _built_in_event() -> BurstInput:
 
 
 def collapsed_of(timed: TimedBurst | None) -> pd.DataFrame | None:
-    """Light curves of a burst on the time axis of its shared profile, to be drawn; None where it has none.
-
-    Parameters
-    ----------
-    timed : TimedBurst or None
-
-    Returns
-    -------
-    DataFrame or None
-    """
+    """Light curves of a burst on the time axis of its shared profile, to be drawn; None where it has none."""
     return collapsed_samples(timed.collapsed) if timed and timed.collapsed else None
 
 
@@ -232,10 +211,6 @@ def aware(time: np.datetime64) -> datetime:
     ----------
     time : numpy.datetime64
         UTC.
-
-    Returns
-    -------
-    datetime.datetime
     """
     stamp: datetime = pd.Timestamp(time).floor("ms").to_pydatetime()
     return stamp.replace(tzinfo=UTC)

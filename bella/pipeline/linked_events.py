@@ -44,10 +44,6 @@ def refresh_events(settings: Settings, now: datetime | None = None) -> Refreshed
     now : datetime.datetime, optional
         Time of this refresh.
 
-    Returns
-    -------
-    Refreshed
-
     Raises
     ------
     InputError

@@ -48,7 +48,6 @@ def run_mock_burst(settings: Settings, now: datetime | None = None) -> MockRun:
 
     Parameters
     ----------
-    settings : Settings
     now : datetime.datetime, optional
         When it begins; the time of day when not given.
 
@@ -127,13 +126,7 @@ def _written(case: SimulatedCase) -> Iterator[DayFiles]:
 
 
 def forget_mocks(settings: Settings, before: datetime) -> None:
-    """Remove mock bursts that were sent earlier, then their files, which no row names any more.
-
-    Parameters
-    ----------
-    settings : Settings
-    before : datetime.datetime
-    """
+    """Remove mock bursts that were sent earlier, then their files, which no row names any more."""
     with closing(Catalogue.open(settings.catalogue_url)) as catalogue:
         for burst_id in catalogue.operation.forget_mocks(before):
             assert burst_id.startswith(PREFIX)  # noqa: S101 - real bursts are never removed

@@ -35,7 +35,6 @@ def observed_day(day: date, spectra: Sequence[xr.Dataset]) -> ObservedDay:
 
     Parameters
     ----------
-    day : datetime.date
     spectra : sequence of xarray.Dataset
         Dynamic spectra of the day, one for each spacecraft.
 
@@ -112,7 +111,6 @@ def region_radii(
 
     Parameters
     ----------
-    distance_rsun : float
     longitudes_deg : sequence of float
         HEE.
     receivers : Receivers

@@ -23,7 +23,6 @@ class DayOutcome:
 
     Attributes
     ----------
-    day : datetime.date
     state : str
         "searched"; "nothing new": the same files were searched before; "failed": tried again by the next run;
         "overtaken": newer files have come, and it is begun again with them; or the answer, where there was nothing to
@@ -34,7 +33,6 @@ class DayOutcome:
         That had data.
     detections, bursts : int
         Accepted detections, and bursts that two or more spacecraft or one received.
-    localised : tuple of Outcome
     preliminary : tuple of Outcome
         Of bursts that two spacecraft received.
     refused : tuple of (str, str)
@@ -106,7 +104,6 @@ def check_finished(
 
     Parameters
     ----------
-    outcomes : sequence of DayOutcome
     unreachable : sequence of str
         Data sets that the archive did not answer for, each with the reason.
     left_out : sequence of str
@@ -140,16 +137,7 @@ def check_finished(
 
 
 def summary_rows(outcomes: Iterable[DayOutcome]) -> Iterator[dict[str, Any]]:
-    """One line for every day of a run.
-
-    Parameters
-    ----------
-    outcomes : iterable of DayOutcome
-
-    Yields
-    ------
-    dict
-    """
+    """One line for every day of a run."""
     for one in outcomes:
         published = (*one.localised, *one.preliminary)
         yield {

@@ -109,8 +109,6 @@ def first_look(burst: Burst, answer: Answered, tree: xr.DataTree | None) -> Firs
 
     Parameters
     ----------
-    burst : Burst
-    answer : Answered
     tree : xarray.DataTree or None
         Spectra; None where none were kept.
 

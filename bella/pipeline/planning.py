@@ -24,7 +24,6 @@ def predicted(day: date, fleet: tuple[str, ...], sigma_s: float, frequency_mhz: 
     ----------
     day : datetime.date
         Positions are those of its noon.
-    fleet : tuple of str
     sigma_s : float
         Timing error of each arrival time, s.
     frequency_mhz : float

@@ -19,7 +19,6 @@ def counter(stage: str, total: int) -> Callable[[int], None]:
 
     Parameters
     ----------
-    stage : str
     total : int
         Steps there are.
 

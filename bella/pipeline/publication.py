@@ -39,8 +39,6 @@ def inputs_hash(timing: Timing, around: tuple[SourceFile, ...], series: Series, 
         Arrival tables with the positions of the receivers, and wave directions.
     around : tuple of SourceFile
         Wind and regions, which the track is compared with.
-    series : Series
-    settings : Settings
 
     Returns
     -------
@@ -74,8 +72,6 @@ def store_group(group: xr.Dataset | xr.DataTree, settings: Settings, name: str) 
 
     Parameters
     ----------
-    group : xarray.Dataset or xarray.DataTree
-    settings : Settings
     name : str
         Path below the store, without ending.
 
@@ -91,13 +87,6 @@ def store_group(group: xr.Dataset | xr.DataTree, settings: Settings, name: str) 
 
 def store_spectra(spectra: xr.DataTree, burst: Burst, catalogue: Catalogue, settings: Settings) -> str:
     """Keep the spectra of a burst, unless the same ones are kept already.
-
-    Parameters
-    ----------
-    spectra : xarray.DataTree or None
-    burst : Burst
-    catalogue : Catalogue
-    settings : Settings
 
     Returns
     -------
@@ -124,14 +113,10 @@ class Draft:
 
     Attributes
     ----------
-    burst : Burst
-    series : Series
     checksum : str
         As :func:`inputs_hash` returns it.
-    posterior : xarray.Dataset
     track : dict
         Ready for JSON.
-    sources : tuple of SourceFile
     """
 
     burst: Burst
@@ -147,9 +132,6 @@ def publish(draft: Draft, catalogue: Catalogue, settings: Settings, lease: Lease
 
     Parameters
     ----------
-    draft : Draft
-    catalogue : Catalogue
-    settings : Settings
     lease : Lease, optional
         Right to work on the burst.
 

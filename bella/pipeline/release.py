@@ -81,15 +81,12 @@ class Wanted:
         Of the release, such as 2026.1.
     first, last : datetime.date or None
         Days of the onset; None for no bound.
-    origins : tuple of Origin
     posteriors : bool
         Whether the posteriors themselves go with it: most of its size.
     creators : tuple of str
         Who made it: ``Family, Given`` for a person.
-    publisher : str
     licence : str
         Of the data, as SPDX names it.
-    doi : str or None
     """
 
     label: str
@@ -128,8 +125,6 @@ def make_release(settings: Settings, wanted: Wanted, parent: Path) -> Release:
 
     Parameters
     ----------
-    settings : Settings
-    wanted : Wanted
     parent : Path
         Folder that exists, and in which the release gets one of its own.
 
@@ -413,7 +408,6 @@ def verify_release(folder: Path, advance: Callable[[int], None] = lambda _: None
 
     Parameters
     ----------
-    folder : Path
     advance : callable
         Told 1 after each file.
 

@@ -63,11 +63,8 @@ class Run:
 
     Attributes
     ----------
-    settings : Settings
     run_id : str
         Name under which it holds leases and logs.
-    workers : Workers
-    choice : Choice
     is_overtaken : callable
         Whether newer files of a day have come while it is processed: it then ends after the step that it is at, and
         whoever started it starts it again.
@@ -105,7 +102,6 @@ class Direct:
 
     Parameters
     ----------
-    threads : int
     sleep : callable
         Waits so many seconds before an error that may pass is tried again.
     """
@@ -161,8 +157,6 @@ def process_days(
         In order, without a gap.
     archive : str or None
         URL or folder that is asked for new files first; None for the mirror as it is.
-    run : Run
-    executor : Executor
     brought : BroughtFolder or None
         Folder of spectra that the days are read from; None for the mirror.
 
@@ -217,18 +211,7 @@ def awaited(day: date, pending: Pending) -> DayOutcome:
 
 
 def finished_before(files: DayFiles, catalogue: Catalogue, settings: Settings) -> DayOutcome | None:
-    """Outcome of a day that needs no search, recorded where it is new; None where there is something to search.
-
-    Parameters
-    ----------
-    files : DayFiles
-    catalogue : Catalogue
-    settings : Settings
-
-    Returns
-    -------
-    DayOutcome or None
-    """
+    """Outcome of a day that needs no search, recorded where it is new; None where there is something to search."""
     if not files.paths:
         answer = DayAnswer.ARCHIVE_SILENT if files.silent else DayAnswer.NO_DATA
         reason = f"the archive did not answer for {', '.join(files.silent)}" if files.silent else ""
@@ -255,14 +238,8 @@ def process_day(files: DayFiles, known: Sequence[KnownBurst], run: Run) -> DayOu
 
     Parameters
     ----------
-    files : DayFiles
     known : sequence of (str, datetime)
         Bursts of the catalogue before the run.
-    run : Run
-
-    Returns
-    -------
-    DayOutcome
 
     Raises
     ------
@@ -367,11 +344,6 @@ def _outcome_of(found: FoundDay, bursts: dict[str, BurstOutcome]) -> DayOutcome:
 def process_subject(subject: str, run: Run) -> BurstOutcome:
     """Localise the built-in event by its date, or a table that was submitted by its checksum.
 
-    Parameters
-    ----------
-    subject : str
-    run : Run
-
     Returns
     -------
     BurstOutcome
@@ -392,10 +364,6 @@ def process_subject(subject: str, run: Run) -> BurstOutcome:
 
 def process_submissions(run: Run) -> int:
     """Localise what waits; one that fails does not stop the others.
-
-    Parameters
-    ----------
-    run : Run
 
     Returns
     -------
@@ -430,7 +398,6 @@ def check_unchanged(waiting: Submission, incoming: Path) -> None:
 
     Parameters
     ----------
-    waiting : Submission
     incoming : Path
         Folder of the submitted tables.
 

@@ -51,8 +51,6 @@ class Surroundings:
     ----------
     utc : numpy.datetime64
         Of the burst.
-    in_situ : InSitu
-    regions : Regions
     """
 
     utc: np.datetime64
@@ -86,7 +84,6 @@ def surroundings_of(start_utc: datetime, settings: Settings) -> Surroundings:
     ----------
     start_utc : datetime.datetime
         Of the burst, with its zone.
-    settings : Settings
 
     Returns
     -------
@@ -99,11 +96,6 @@ def surroundings_of(start_utc: datetime, settings: Settings) -> Surroundings:
 
 def day_digest(day: date, settings: Settings) -> str:
     """Checksum of what the bursts of a day may depend on in these folders.
-
-    Parameters
-    ----------
-    day : datetime.date
-    settings : Settings
 
     Returns
     -------
@@ -128,12 +120,6 @@ def _sha256(path: Path) -> str:
 
 def footpoint_of(fit: TrackFit, observatories: Iterable[str], around: Surroundings) -> dict[str, Any]:
     """Footpoint of a joint fit, with connections by the measured wind, and the regions near it.
-
-    Parameters
-    ----------
-    fit : TrackFit
-    observatories : iterable of str
-    around : Surroundings
 
     Returns
     -------
@@ -162,7 +148,6 @@ def wind_of(
         A solution of :func:`bella.multilateration.localise`.
     joint, scattering : mapping
         Joint fit, and the companion with the spirals corrected for scattering, as they are stored.
-    around : Surroundings
 
     Returns
     -------
@@ -186,7 +171,6 @@ def corrected_spirals(posterior: xr.Dataset, scattering: Mapping[str, Any]) -> d
 
     Parameters
     ----------
-    posterior : xarray.Dataset
     scattering : mapping
         Companion of that name, as it is stored.
 
@@ -209,7 +193,6 @@ def fitted_spiral(posterior: xr.Dataset, joint: Mapping[str, Any]) -> TrackSpira
 
     Parameters
     ----------
-    posterior : xarray.Dataset
     joint : mapping
         As it is stored.
 
@@ -245,10 +228,6 @@ def has_wind(track: Mapping[str, Any]) -> bool:
     ----------
     track : mapping
         As it is stored.
-
-    Returns
-    -------
-    bool
     """
     return "boundary" in track.get("companions", {}).get("wind", {})
 
@@ -258,14 +237,8 @@ def wind_drawn(posterior: xr.Dataset, track: Mapping[str, Any], around: Surround
 
     Parameters
     ----------
-    posterior : xarray.Dataset
     track : mapping
         As it is stored.
-    around : Surroundings
-
-    Returns
-    -------
-    str
 
     Raises
     ------

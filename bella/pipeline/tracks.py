@@ -85,7 +85,6 @@ class Fitted:
         A solution of :func:`bella.multilateration.localise`.
     grid : ArrivalGrid
         Arrival times as the joint fit took them.
-    fit : TrackFit
     track : Track
         Without companions.
     """
@@ -108,13 +107,6 @@ def fitted_track(posterior: xr.Dataset, timing: Timing, series: Series, settings
     ----------
     posterior : xarray.Dataset
         A solution of :func:`bella.multilateration.localise`.
-    timing : Timing
-    series : Series
-    settings : Settings
-
-    Returns
-    -------
-    Fitted
     """
     table = timing.arrivals if timing.channels is None else timing.channels
     preset = find_preset(series.preset)
@@ -133,9 +125,6 @@ def companions(fitted: Fitted, timing: Timing, seed: int, around: Surroundings) 
 
     Parameters
     ----------
-    fitted : Fitted
-    timing : Timing
-    seed : int
     around : Surroundings
         Wind and Sun around the burst.
 
@@ -165,16 +154,7 @@ def companions(fitted: Fitted, timing: Timing, seed: int, around: Surroundings) 
 
 
 def attempted(compute: Callable[[], dict[str, Any]]) -> dict[str, Any]:
-    """Result, or a flag and the reason why there is none.
-
-    Parameters
-    ----------
-    compute : callable
-
-    Returns
-    -------
-    dict
-    """
+    """Result, or a flag and the reason why there is none."""
     try:
         return compute()
     except (ConvergenceError, GeometryError, InputError, NoDataError) as error:

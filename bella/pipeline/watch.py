@@ -42,8 +42,6 @@ def watch_days(run: Run, executor: Executor, until: datetime, every: timedelta) 
 
     Parameters
     ----------
-    run : Run
-    executor : Executor
     until : datetime.datetime
         When it ends; it looks at the mirror once at least.
     every : datetime.timedelta
@@ -81,13 +79,7 @@ def watch_days(run: Run, executor: Executor, until: datetime, every: timedelta) 
 
 
 class Watch:
-    """Recent days of the mirror, and what became of them.
-
-    Parameters
-    ----------
-    run : Run
-    executor : Executor
-    """
+    """Recent days of the mirror, and what became of them."""
 
     def __init__(self, run: Run, executor: Executor) -> None:
         self._run, self._executor = replace(run, is_overtaken=self._is_overtaken), executor
@@ -111,10 +103,6 @@ class Watch:
 
     def step(self, today: date) -> None:
         """Look for new files, and begin to process what may be begun.
-
-        Parameters
-        ----------
-        today : datetime.date
 
         Raises
         ------
@@ -179,11 +167,6 @@ class Watch:
 
 def folder_times(days: Sequence[date], settings: Settings) -> dict[Path, int]:
     """When something was put into, or taken out of, each folder that days are read from, ns.
-
-    Parameters
-    ----------
-    days : sequence of datetime.date
-    settings : Settings
 
     Returns
     -------

@@ -41,10 +41,6 @@ def prepare(settings: Settings) -> None:
     is set already is left as it is: an operator's choice wins. Positions of spacecraft go on with the table that the
     home folder holds, if it holds one.
 
-    Parameters
-    ----------
-    settings : Settings
-
     Raises
     ------
     InputError
@@ -118,7 +114,6 @@ class Workers:
 
     Parameters
     ----------
-    number : int
     settings : Settings
         Of the workers too.
     log : Path or None
@@ -155,8 +150,6 @@ class Workers:
 
         Parameters
         ----------
-        function : callable
-        *arguments
         urgency : float
             The greater begins first.
 

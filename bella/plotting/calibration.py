@@ -25,7 +25,6 @@ class Panel:
 
     Attributes
     ----------
-    title : str
     curves : mapping of str to ndarray, shape (K,)
         Share of truths below each quantile, for each of `CURVES` that there is.
     band : tuple of ndarray, each of shape (K,)
@@ -41,16 +40,7 @@ class Panel:
 
 
 def comparison_panels(comparisons: Sequence[Comparison]) -> list[Panel]:
-    """A panel of P-P curves for each stratum that was compared.
-
-    Parameters
-    ----------
-    comparisons : sequence of Comparison
-
-    Returns
-    -------
-    list of Panel
-    """
+    """A panel of P-P curves for each stratum that was compared."""
     return [
         Panel(
             title=one.stratum.name,
@@ -69,10 +59,6 @@ def calibration_figure(panels: Sequence[Panel]) -> str:
     ----------
     panels : sequence of Panel
         At least one.
-
-    Returns
-    -------
-    str
     """
     columns = min(COLUMNS, len(panels))
     rows = -(-len(panels) // columns)

@@ -125,11 +125,6 @@ def constellation_figure(tracks: Sequence[TrackView], utc: np.datetime64, look: 
         The first one with its regions and its spiral, the others as lines; may be empty.
     utc : numpy.datetime64
         Of Earth, and of the longitudes of a frame.
-    look : MapView
-
-    Returns
-    -------
-    str
     """
     known = dict(look.receivers)
     for track in reversed(tracks):
@@ -375,10 +370,6 @@ def thumbnail(
         HEE, solar radii.
     said : str
         What a screen reader says of it.
-
-    Returns
-    -------
-    str
     """
     half, scale = 36.0, 31.0 / AU_RSUN
 

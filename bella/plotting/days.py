@@ -81,16 +81,7 @@ class OnsetMark:
 
 
 def calendar_figure(days: Sequence[DayMark]) -> str:
-    """Calendar with a row for each month and a cell for each day, the newest month on top, SVG.
-
-    Parameters
-    ----------
-    days : sequence of DayMark
-
-    Returns
-    -------
-    str
-    """
+    """Calendar with a row for each month and a cell for each day, the newest month on top, SVG."""
     months = sorted({(one.day.year, one.day.month) for one in days}, reverse=True)
     height = 24.0 + ROW * len(months)
     parts = [
@@ -132,17 +123,7 @@ def _class(answer: str) -> str:
 
 
 def strips_figure(days: Sequence[DayMark], onsets: Sequence[OnsetMark]) -> str:
-    """Strip of 24 hours for each day, the newest on top, with the bursts of each, SVG.
-
-    Parameters
-    ----------
-    days : sequence of DayMark
-    onsets : sequence of OnsetMark
-
-    Returns
-    -------
-    str
-    """
+    """Strip of 24 hours for each day, the newest on top, with the bursts of each, SVG."""
     ordered = sorted(days, key=lambda one: one.day, reverse=True)
     across = Scale(0.0, DAY_S, STRIP_LEFT, WIDTH - STRIP_RIGHT)
     height = 30.0 + ROW * len(ordered)
@@ -182,10 +163,6 @@ def day_figure(day: date, spectra: Sequence[xr.Dataset], detections: pd.DataFram
         taken away a second time from what :func:`bella.spectra.over_background` returned.
     detections : pandas.DataFrame
         Detection table, of which each box leads to its burst. What was rejected is dashed.
-
-    Returns
-    -------
-    str
 
     Raises
     ------
@@ -233,10 +210,6 @@ def zoomed_day(drawn: str, first_s: float, last_s: float) -> str:
         As :func:`day_figure` returned it.
     first_s, last_s : float
         Seconds after midnight, the first one earlier.
-
-    Returns
-    -------
-    str
     """
     whole, part = (Scale(*ends, LEFT, WIDTH - RIGHT) for ends in ((0.0, DAY_S), (first_s, last_s)))
     left, right = (float(whole(one)) for one in (first_s, last_s))

@@ -58,10 +58,6 @@ def planning_figure(
         Radius of the region in each direction, by distance in solar radii; empty where nothing can be located.
     marked : (str, float), optional
         Name and radius of a circle that stands out.
-
-    Returns
-    -------
-    str
     """
     earth = position("EARTH", utc)[0]
     farthest = max([float(np.abs(one[:2]).max()) for one in receivers.values()] + [AU_RSUN])
@@ -109,17 +105,7 @@ def _said(distance_rsun: float, longitude_deg: float, radius_rsun: float | None)
 
 
 def share_class(radius_rsun: float | None, distance_rsun: float) -> int:
-    """Which of the shades a region has, 0 for the best; one more than the last for what is not located.
-
-    Parameters
-    ----------
-    radius_rsun : float or None
-    distance_rsun : float
-
-    Returns
-    -------
-    int
-    """
+    """Which of the shades a region has, 0 for the best; one more than the last for what is not located."""
     if radius_rsun is None:
         return len(SHARES)
     return int(np.searchsorted(SHARES, radius_rsun / distance_rsun))
@@ -161,10 +147,6 @@ def coverage_figure(uncertainty: xr.Dataset) -> str:
     ----------
     uncertainty : xarray.Dataset
         As :func:`bella.multilateration.uncertainty_map` returns it.
-
-    Returns
-    -------
-    str
     """
     exact = "exact_sd_largest_rsun" in uncertainty
     sd = uncertainty["exact_sd_largest_rsun" if exact else "sd_largest_rsun"]
@@ -279,10 +261,8 @@ class WindScene:
 
     Attributes
     ----------
-    utc : numpy.datetime64
     source_rsun : ndarray, shape (F, 3)
         Sources of a burst, solar radii; empty for none.
-    field_line : FieldLine or None
     receiver_rsun : mapping of str to ndarray, shape (3,)
         Spacecraft, solar radii.
     spiral_rsun : ndarray, shape (N, 3)
@@ -307,11 +287,6 @@ def wind_map_figure(wind: "SteadyWind", scene: WindScene) -> str:
     ----------
     wind : SteadyWind
         As :meth:`bella.solar_wind.WindAssimilation.map_at` returns it.
-    scene : WindScene
-
-    Returns
-    -------
-    str
     """
     chart = Map((0.0, 0.0), SIZE[1] / (2 * REACH * float(wind.range_rsun[-1])))
     speeds = wind.speed_km_s[np.isfinite(wind.speed_km_s)]

@@ -48,10 +48,6 @@ def evolution_figure(posterior: xr.Dataset, track_fit: Mapping[str, Any]) -> str
         Of the positions, HEE.
     track_fit : mapping
         As kept in the catalogue: the profile of its joint fit is drawn as a band, the spirals of its fits as lines.
-
-    Returns
-    -------
-    str
     """
     polar = polar_track(posterior)
     profile = sorted((track_fit.get("joint") or {}).get("profile") or (), key=lambda one: one["frequency_mhz"])
@@ -93,10 +89,6 @@ def residual_figure(posterior: xr.Dataset) -> str:
     ----------
     posterior : xarray.Dataset
         With ``residual_s`` and ``sigma_s``.
-
-    Returns
-    -------
-    str
     """
     frequency = posterior["frequency"].to_numpy().astype(np.float64)
     residual = posterior["residual_s"].to_numpy().astype(np.float64)
@@ -278,7 +270,6 @@ def ellipses(posterior: xr.Dataset, longitude_deg: FloatArray) -> Iterator[Float
 
     Parameters
     ----------
-    posterior : xarray.Dataset
     longitude_deg : ndarray, shape (F,)
         Of its positions, without jumps.
 
@@ -315,7 +306,6 @@ def spiral_lines(
 
     Yields
     ------
-    kind, words : str
     points : ndarray, shape (N, 2)
         Distance, solar radii, and longitude, degrees.
     """

@@ -69,14 +69,8 @@ def exported(drawn: str, caption: Caption, kind: Kind = "svg", theme: Theme = "l
     ----------
     drawn : str
         SVG, as the functions of this package draw it.
-    caption : Caption
-    kind : str
     theme : str
         Colours for a light or for a dark ground.
-
-    Returns
-    -------
-    bytes
 
     Raises
     ------
@@ -117,8 +111,6 @@ def write_figure(path: Path, drawn: str, caption: Caption) -> None:
     ----------
     path : Path
         SVG, PNG or PDF by the end of its name. Its folder is made when it does not exist.
-    drawn : str
-    caption : Caption
 
     Raises
     ------
@@ -174,16 +166,7 @@ def whole_file(path: Path) -> Iterator[Path]:
 
 @cache
 def style_of(theme: Theme) -> str:
-    """Style sheet of one theme without variables and without rules for screens.
-
-    Parameters
-    ----------
-    theme : str
-
-    Returns
-    -------
-    str
-    """
+    """Style sheet of one theme without variables and without rules for screens."""
     whole = figure_style()
     colours = _variables(whole.split("@media")[0])
     if theme == "dark":

@@ -91,11 +91,6 @@ def spread_indices(track: PolarTrack, count: int) -> npt.NDArray[np.intp]:
 
     Even steps of frequency would pile up near the Sun, where their regions hide one another.
 
-    Parameters
-    ----------
-    track : PolarTrack
-    count : int
-
     Returns
     -------
     ndarray of int, shape (<= count,)
@@ -115,7 +110,6 @@ def region_outline(posterior: xr.Dataset, index: int, percent: int) -> FloatArra
 
     Parameters
     ----------
-    posterior : xarray.Dataset
     index : int
         Of the frequency.
     percent : int
@@ -156,11 +150,6 @@ def speed_remark(contraction: float) -> str:
 def selected_regions(posterior: Any, frequency_mhz: float) -> dict[str, Any]:
     """Numbers and outlines of the one channel nearest to a frequency.
 
-    Parameters
-    ----------
-    posterior : xarray.Dataset
-    frequency_mhz : float
-
     Returns
     -------
     dict
@@ -197,7 +186,6 @@ class SpiralBand:
 
     Attributes
     ----------
-    range_rsun : ndarray, shape (R,)
     median_deg : ndarray, shape (R,)
         HEE, without jumps of a turn.
     low_deg, high_deg : dict of int to ndarray, shape (R,)
@@ -256,7 +244,6 @@ def band_outline(band: SpiralBand, percent: int) -> FloatArray:
 
     Parameters
     ----------
-    band : SpiralBand
     percent : int
         One of `PERCENTS`.
 
@@ -292,17 +279,7 @@ def listed(values: npt.ArrayLike, digits: int = 2) -> list[Any]:
 
 
 def significant(values: npt.ArrayLike, digits: int = 4) -> list[Any]:
-    """Numbers rounded to a number of significant digits, None for what is not finite.
-
-    Parameters
-    ----------
-    values : array_like, one-dimensional
-    digits : int
-
-    Returns
-    -------
-    list of float or None
-    """
+    """Numbers rounded to a number of significant digits, None for what is not finite."""
     return [float(f"{value:.{digits}g}") if math.isfinite(value) else None for value in np.asarray(values, dtype=float)]
 
 
@@ -317,8 +294,6 @@ def require_columns(table: pd.DataFrame, columns: Iterable[str], name: str) -> p
 
     Parameters
     ----------
-    table : pandas.DataFrame
-    columns : iterable of str
     name : str
         What the table is called in the error.
 

@@ -56,8 +56,6 @@ class Channel:
 
     Attributes
     ----------
-    observatory : str
-    frequency_mhz : float
     seconds : ndarray, shape (T,)
         Of the samples, since 1970.
     power : ndarray, shape (T,)
@@ -87,10 +85,6 @@ def light_curves_figure(
         where there is no time.
     frequencies_mhz : sequence of float
         Of the rows, from top to bottom, MHz; drawn is the nearest channel that was measured.
-
-    Returns
-    -------
-    str
 
     Raises
     ------
@@ -272,10 +266,6 @@ def shared_profile_figure(samples: pd.DataFrame) -> str:
         One row per sample: observatory; frequency_mhz; widths, its time after the half-rise in widths; height, its
         power over that of the burst; fitted, what the shared profile has there.
 
-    Returns
-    -------
-    str
-
     Raises
     ------
     InputError
@@ -364,7 +354,6 @@ def write_edge_figures(
         Is made when it does not exist.
     spectra : mapping of str to xarray.Dataset
         By observatory.
-    timed : TimedBurst
     arrivals : pandas.DataFrame or None
         Arrival table to draw beside the edges of the channels.
     """

@@ -57,10 +57,6 @@ def longitude_figure(bursts: Sequence[Marked]) -> str:
     ----------
     bursts : sequence of Marked
         At least one.
-
-    Returns
-    -------
-    str
     """
     found = [_turned(one.longitude_deg) for one in bursts]
     sides = {tick: "" if tick in {0, 180, -180} else " W" if tick > 0 else " E" for tick in LONGITUDE_TICKS_DEG}
@@ -76,10 +72,6 @@ def wind_figure(bursts: Sequence[Marked]) -> str:
     ----------
     bursts : sequence of Marked
         At least one.
-
-    Returns
-    -------
-    str
     """
     found = [[one.wind_km_s] if one.wind_km_s else [] for one in bursts]
     ticks = {float(tick): str(tick) for tick in WIND_TICKS_KM_S}
@@ -92,13 +84,8 @@ def footpoint_figure(bursts: Sequence[Marked], address: str = "") -> str:
 
     Parameters
     ----------
-    bursts : sequence of Marked
     address : str
         Of the list of this selection, to which the bounds of a sector are added; empty for no links.
-
-    Returns
-    -------
-    str
     """
     centre, found = DISC_SIZE / 2, Counter[tuple[int, str]]()
     for one in bursts:
@@ -129,10 +116,6 @@ def selection_caption(name: str, shown: int, total: int) -> str:
         `longitude`, `footpoints` or `wind`.
     shown, total : int
         Bursts that are drawn, and that were found.
-
-    Returns
-    -------
-    str
     """
     said = {
         "longitude": "Longitude at the Sun of Type III bursts against time (HEE, west positive), with 68 % intervals; "

@@ -58,16 +58,7 @@ QUANTITY_NAMES = {
 
 @dataclass(frozen=True)
 class Panel:
-    """One dynamic spectrum thinned to what a screen can show.
-
-    Attributes
-    ----------
-    observatory : str
-    time : ndarray of datetime64, shape (T,)
-    frequency_mhz : ndarray, shape (F,)
-    intensity : ndarray, shape (F, T)
-    quantity : str
-    """
+    """One dynamic spectrum thinned to what a screen can show."""
 
     observatory: str
     time: npt.NDArray[np.datetime64]
@@ -122,11 +113,6 @@ def spectra_figure(spectra: xr.DataTree, arrivals: Mapping[str, pd.DataFrame | x
         One child per observatory, each a DynamicSpectrum.
     arrivals : mapping of str to pandas.DataFrame or xarray.Dataset
         Edge definition to its arrival table, or to a posterior that holds ``arrival_s``.
-    look : SpectraView
-
-    Returns
-    -------
-    str
     """
     shift = look.shift_s
     panels = [_shifted_panel(panel, shift.get(panel.observatory, 0.0)) for panel in burst_panels(spectra)]
@@ -187,7 +173,6 @@ def shown_band(panels: Sequence[Panel], edges: Iterable[Mapping[str, TimedEdge]]
 
     Parameters
     ----------
-    panels : sequence of Panel
     edges : iterable of mapping
         Arrival times per observatory, one mapping per definition of the edge.
 
@@ -205,16 +190,7 @@ def shown_band(panels: Sequence[Panel], edges: Iterable[Mapping[str, TimedEdge]]
 
 
 def burst_panels(spectra: xr.DataTree) -> list[Panel]:
-    """Spectra of a burst, Wind first, thinned where they are larger than a screen.
-
-    Parameters
-    ----------
-    spectra : xarray.DataTree
-
-    Returns
-    -------
-    list of Panel
-    """
+    """Spectra of a burst, Wind first, thinned where they are larger than a screen."""
     names = sorted(spectra.children, key=lambda name: (_rank(name), name))
     return [_panel(name, spectra[name].to_dataset()) for name in names]
 
@@ -224,16 +200,7 @@ def _rank(observatory: str) -> int:
 
 
 def timed_edges(table: pd.DataFrame | xr.Dataset) -> dict[str, TimedEdge]:
-    """Arrival times per observatory, from an arrival table or from a posterior.
-
-    Parameters
-    ----------
-    table : pandas.DataFrame or xarray.Dataset
-
-    Returns
-    -------
-    dict of str to TimedEdge
-    """
+    """Arrival times per observatory, from an arrival table or from a posterior."""
     if isinstance(table, xr.Dataset):
         return {str(name): _edge_of_posterior(table.sel(observatory=name)) for name in table["observatory"].to_numpy()}
     return {

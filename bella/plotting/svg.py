@@ -120,13 +120,6 @@ def figure(name: str, size: tuple[float, float], title: str, *content: str, **at
         Class of the figure, and the stem of the ids in it.
     size : (float, float)
         Width and height of its coordinates.
-    title : str
-    *content : str
-    **attributes : float or str
-
-    Returns
-    -------
-    str
     """
     return element(
         "svg",

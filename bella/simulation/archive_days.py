@@ -55,8 +55,6 @@ def simulate_days(
     ----------
     root : pathlib.Path
         Folder that is new, empty, or was simulated before.
-    days : sequence of datetime.date
-    seed : int
     datasets : sequence of str
         Keys of `WRITABLE`; none for all that exist on a day.
     advance : callable
@@ -117,17 +115,7 @@ def _simulate(root: Path, day: date, seed: int, datasets: Sequence[str]) -> dict
 
 
 def sky_of(day: date, seed: int) -> Sky:
-    """What is to be received on a day, the same for every call with its date and seed.
-
-    Parameters
-    ----------
-    day : datetime.date
-    seed : int
-
-    Returns
-    -------
-    Sky
-    """
+    """What is to be received on a day, the same for every call with its date and seed."""
     return draw_sky(day, OBSERVATORIES, np.random.default_rng([seed, day.toordinal()]))
 
 

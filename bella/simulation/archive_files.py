@@ -89,10 +89,6 @@ def tt2000(utc: Instants) -> npt.NDArray[np.int64]:
 def cdf_epoch(utc: Instants) -> FloatArray:
     """Milliseconds since the year 0, without leap seconds.
 
-    Parameters
-    ----------
-    utc : numpy.ndarray of datetime64
-
     Returns
     -------
     numpy.ndarray
@@ -104,10 +100,6 @@ def cdf_epoch(utc: Instants) -> FloatArray:
 
 def filled(values: npt.NDArray[Any]) -> npt.NDArray[np.float32]:
     """Values with NaN as the fill value.
-
-    Parameters
-    ----------
-    values : numpy.ndarray
 
     Returns
     -------
@@ -126,7 +118,6 @@ def write_cdf(path: Path, identity: str, variables: Sequence[Variable], compress
         Ends in ``.cdf``; what is there is replaced.
     identity : str
         Such as the name of the file without its ending.
-    variables : sequence of Variable
     compress : int
         Level of gzip, 0 for none.
 
@@ -166,7 +157,6 @@ def write_wind_h1(
 
     Parameters
     ----------
-    path : pathlib.Path
     utc : numpy.ndarray of datetime64
         Centres of the minutes, shape (N,).
     ratio : mapping of str to numpy.ndarray
@@ -174,10 +164,6 @@ def write_wind_h1(
         there are no data.
     measured : mapping of str to numpy.ndarray
         False for channels that are interpolated between others: their background is stored as zero.
-
-    Returns
-    -------
-    pathlib.Path
     """
     variables: list[Variable] = [
         ("Epoch", EPOCH, cdf_epoch(utc), True, {}),
@@ -199,17 +185,12 @@ def write_wind_l2(path: Path, utc: Instants, frequency_hz: FloatArray, density: 
 
     Parameters
     ----------
-    path : pathlib.Path
     utc : numpy.ndarray of datetime64
         Shape (N,).
     frequency_hz : numpy.ndarray
         Shape (C,).
     density : numpy.ndarray
         V^2/Hz, shape (N, C).
-
-    Returns
-    -------
-    pathlib.Path
     """
     columns = np.full((utc.size, L2_COLUMNS), np.nan)
     columns[:, : density.shape[1]] = density
@@ -228,15 +209,10 @@ def write_wind_k0(path: Path, utc: Instants, decibel: npt.NDArray[Any]) -> Path:
 
     Parameters
     ----------
-    path : pathlib.Path
     utc : numpy.ndarray of datetime64
         Middles of the records, shape (N,).
     decibel : numpy.ndarray
         dB over background, shape (N, 76), channels as in `K0_HZ`.
-
-    Returns
-    -------
-    pathlib.Path
     """
     variables: list[Variable] = [
         ("Epoch", EPOCH, cdf_epoch(utc), True, {}),
@@ -251,16 +227,11 @@ def write_stereo_level2(path: Path, utc: Instants, decibel: Mapping[str, npt.NDA
 
     Parameters
     ----------
-    path : pathlib.Path
     utc : numpy.ndarray of datetime64
         Centres of the minutes, shape (N,).
     decibel : mapping of str to numpy.ndarray
         dB over background of "ahead" and "behind", shape (N, 367), channels as in `LEVEL2_KHZ`; NaN is stored as minus
         the background.
-
-    Returns
-    -------
-    pathlib.Path
     """
     variables: list[Variable] = [
         ("Epoch", EPOCH, cdf_epoch(utc), True, {}),
@@ -287,7 +258,6 @@ def write_stereo_l3(
 
     Parameters
     ----------
-    path : pathlib.Path
     utc : numpy.ndarray of datetime64
         Shape (N,).
     frequency_hz : numpy.ndarray
@@ -297,10 +267,6 @@ def write_stereo_l3(
     beside : Beside
         Wave angles that it does not have are fill, as in the LFR files of most of the mission; without positions there
         are none.
-
-    Returns
-    -------
-    pathlib.Path
     """
     unknown = np.full(flux.shape, np.nan)
     variables: list[Variable] = [
@@ -326,10 +292,6 @@ def write_psp_l2(path: Path, utc: Instants, frequency_hz: FloatArray, dipoles: M
         Shape (C,).
     dipoles : mapping of str to numpy.ndarray
         V^2/Hz of "ch0_V1V2" and "ch1_V3V4", shape (N, C).
-
-    Returns
-    -------
-    pathlib.Path
     """
     band = "hfr" if "hfr" in path.name else "lfr"
     variables: list[Variable] = []
@@ -355,7 +317,6 @@ def write_solo_l3(
 
     Parameters
     ----------
-    path : pathlib.Path
     sweeps : Sweeps
         Of N records and C channels.
     frequency_khz : numpy.ndarray
@@ -364,10 +325,6 @@ def write_solo_l3(
         W/m^2/Hz, shape (N, C).
     interpolated : numpy.ndarray
         Non-zero where a sample was not measured, shape (N, C).
-
-    Returns
-    -------
-    pathlib.Path
     """
     variables: list[Variable] = [
         ("Epoch", TT2000, tt2000(sweeps.start), True, {}),

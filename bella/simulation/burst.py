@@ -185,7 +185,6 @@ class SimulatedBurst:
         Ends of the burst, MHz.
     contrast : float
         Peak over background in power, where the burst is brightest and seen from where its source points to.
-    rotation_period_d : float
     pulse : PulseLaw
         Its light curves.
     width_factor : float
@@ -265,7 +264,6 @@ def source_range_rsun(burst: SimulatedBurst, frequency_mhz: FloatArray, harmonic
 
     Parameters
     ----------
-    burst : SimulatedBurst
     frequency_mhz : numpy.ndarray, shape (N,)
     harmonic : int, optional
         1 or 2; that of the main component if none is given.
@@ -304,7 +302,6 @@ def source_position_rsun(burst: SimulatedBurst, frequency_mhz: FloatArray, harmo
 
     Parameters
     ----------
-    burst : SimulatedBurst
     frequency_mhz : numpy.ndarray, shape (N,)
     harmonic : int, optional
         1 or 2; that of the main component if none is given.
@@ -330,7 +327,6 @@ def travel_s(burst: SimulatedBurst, range_rsun: FloatArray) -> FloatArray:
 
     Parameters
     ----------
-    burst : SimulatedBurst
     range_rsun : numpy.ndarray
         At least 1 solar radius.
 
@@ -354,13 +350,8 @@ def mean_beam_speed_c(burst: SimulatedBurst, frequency_mhz: FloatArray) -> float
 
     Parameters
     ----------
-    burst : SimulatedBurst
     frequency_mhz : numpy.ndarray
         At least two.
-
-    Returns
-    -------
-    float
     """
     ends = source_range_rsun(burst, np.array([np.max(frequency_mhz), np.min(frequency_mhz)]))
     path = np.diff(spiral_path_rsun(ends, burst.v_sw_km_s, burst.rotation_period_d))
@@ -374,9 +365,7 @@ def light_arrival_s(
 
     Parameters
     ----------
-    burst : SimulatedBurst
     frequency_mhz : numpy.ndarray, shape (N,)
-    observatory : str
     harmonic : int, optional
         1 or 2; that of the main component if none is given.
 
@@ -427,14 +416,8 @@ def received(burst: SimulatedBurst, frequency_mhz: FloatArray, observatory: str)
 
     Parameters
     ----------
-    burst : SimulatedBurst
     frequency_mhz : numpy.ndarray, shape (C,)
         All within reach of the density model.
-    observatory : str
-
-    Returns
-    -------
-    Received
 
     Raises
     ------
@@ -476,10 +459,8 @@ def arrival_s(burst: SimulatedBurst, frequency_mhz: FloatArray, observatory: str
 
     Parameters
     ----------
-    burst : SimulatedBurst
     frequency_mhz : numpy.ndarray, shape (N,)
         All within reach of the density model; outside the band of the burst, where it would have been.
-    observatory : str
 
     Returns
     -------
@@ -517,9 +498,7 @@ def contrast_at(burst: SimulatedBurst, frequency_mhz: FloatArray, observatory: s
 
     Parameters
     ----------
-    burst : SimulatedBurst
     frequency_mhz : numpy.ndarray, shape (N,)
-    observatory : str
 
     Returns
     -------
@@ -550,7 +529,6 @@ def true_arrivals(
 
     Parameters
     ----------
-    burst : SimulatedBurst
     frequency_mhz : numpy.ndarray, shape (N,)
     observatories : tuple of str
         Known to the ephemeris.

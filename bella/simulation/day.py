@@ -44,10 +44,8 @@ def observe_day(instrument: Instrument, skies: Sequence[Sky], day: date, rng: np
 
     Parameters
     ----------
-    instrument : Instrument
     skies : sequence of Sky
         The day and those next to it, whose bursts may reach into it; of one, its nuisances are recorded too.
-    day : datetime.date
     rng : numpy.random.Generator
         Of the noise.
 
@@ -75,8 +73,6 @@ def observe_scene(
 
     Parameters
     ----------
-    instrument : Instrument
-    scene : Scene
     between_s : tuple of float
         Seconds after midnight.
     rng : numpy.random.Generator

@@ -38,7 +38,6 @@ class Instrument:
     ----------
     dataset : str
         Key of the data set.
-    receiver : Receiver
     quantity : str
         What the data set holds, one of ``QUANTITIES``.
     background : ndarray, shape (C,)
@@ -78,10 +77,6 @@ def instruments(dataset: str, day: date) -> tuple[Instrument, ...]:
         Key, one of `WRITABLE`.
     day : datetime.date
         PSP's cadence depends on where it is.
-
-    Returns
-    -------
-    tuple of Instrument
 
     Raises
     ------

@@ -38,7 +38,6 @@ class Family:
 
     Attributes
     ----------
-    source : str
     shape : callable
         Height at a time, in the unit of the family, for a shape parameter; unimodal.
     parameters : tuple of float
@@ -208,13 +207,8 @@ def draw_pulse_law(rng: np.random.Generator, family: str | None = None) -> Pulse
 
     Parameters
     ----------
-    rng : numpy.random.Generator
     family : str, optional
         A name of `FAMILIES`; drawn if none is given.
-
-    Returns
-    -------
-    PulseLaw
     """
     return PulseLaw(
         family=family or str(rng.choice(list(FAMILIES))),
@@ -325,10 +319,6 @@ def pulses(family: str, rise_s: FloatArray, decay_s: FloatArray) -> Pulses:
         Half width of the rise, from half of the maximum to the maximum, s.
     decay_s : ndarray, shape (N,)
         Time from the maximum to 1/e of it, s; the nearest that the family allows is taken.
-
-    Returns
-    -------
-    Pulses
     """
     marks = _landmarks(family)
     ratio = np.clip(decay_s / rise_s, marks.ratio_ends[0], marks.ratio_ends[1])
@@ -359,10 +349,6 @@ def decay_over_rise(family: str) -> tuple[float, float]:
     ----------
     family : str
         A name of `FAMILIES`.
-
-    Returns
-    -------
-    tuple of float
     """
     return _landmarks(family).ratio_ends
 

@@ -45,7 +45,6 @@ def add_nuisance(power: FloatArray, nuisance: Nuisance, time_s: FloatArray, freq
     ----------
     power : numpy.ndarray, shape (N, C)
         In units of the background.
-    nuisance : Nuisance
     time_s : numpy.ndarray, shape (N, C)
         Of every sample, ascending in every channel, seconds after midnight.
     frequency_mhz : numpy.ndarray, shape (C,)
@@ -70,7 +69,6 @@ class JovianArc:
     ----------
     vertex_s : float
         When its middle frequency is reached, s.
-    band_mhz : tuple of float
     bend_s : float
         How much later (or earlier, below 0) its ends come, s.
     width_s : float
@@ -110,12 +108,8 @@ class Patches:
 
     Attributes
     ----------
-    kind : str
-    start_s, stop_s : float
-    band_mhz : tuple of float
     height : float
         Of the brightest patch.
-    patches : int
     seed : int
         Of where they are.
     """
@@ -148,12 +142,10 @@ class TypeTwoLane:
 
     Attributes
     ----------
-    start_s, stop_s : float
     band_mhz : tuple of float
         Its highest frequency is where it begins.
     width : float
         Bandwidth over frequency.
-    height : float
     period_s : float
         Between its brightenings, s.
     """
@@ -181,9 +173,6 @@ class InterferenceLine:
 
     Attributes
     ----------
-    start_s, stop_s : float
-    band_mhz : tuple of float
-    height : float
     period_s : float
         Of being on and off, s.
     """
@@ -203,13 +192,7 @@ class InterferenceLine:
 
 @dataclass(frozen=True)
 class CalibrationColumn:
-    """All channels up at once, while the receiver looks at its own source.
-
-    Attributes
-    ----------
-    start_s, stop_s : float
-    height : float
-    """
+    """All channels up at once, while the receiver looks at its own source."""
 
     start_s: float
     stop_s: float
@@ -228,12 +211,10 @@ class ParticleHits:
 
     Attributes
     ----------
-    start_s, stop_s : float
     share : float
         Of samples that are hit.
     height : float
         Mean excess of a sample that is.
-    seed : int
     """
 
     start_s: float

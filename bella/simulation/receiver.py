@@ -34,7 +34,6 @@ class Receiver:
 
     Attributes
     ----------
-    observatory, name : str
     frequency_mhz : ndarray, shape (C,)
         Ascending.
     cadence_s : float
@@ -93,12 +92,10 @@ def observe(
 
     Parameters
     ----------
-    receiver : Receiver
     bursts : sequence of SimulatedBurst
         May be empty.
     start_utc, stop_utc : numpy.datetime64
         First record begins at the start, the last ends by the stop.
-    rng : numpy.random.Generator
 
     Returns
     -------
@@ -139,7 +136,6 @@ def record_middles_s(cadence_s: float, start_s: float, stop_s: float) -> FloatAr
 
     Parameters
     ----------
-    cadence_s : float
     start_s, stop_s : float
         After a reference time, s.
 
@@ -169,8 +165,6 @@ def received_power(
 
     Parameters
     ----------
-    receiver : Receiver
-    bursts : sequence of SimulatedBurst
     reference_utc : numpy.datetime64
         What the middles are counted from.
     middle_s : numpy.ndarray, shape (N,)
@@ -225,7 +219,6 @@ def minute_means(
         Ascending; those that no receiver has are NaN.
     averaged : sequence of Receiver
         Whose samples the means are of.
-    take : callable
     phase_s : float
         When a record of the receivers begins, seconds after the reference time.
     ends : tuple of int
@@ -308,13 +301,10 @@ def wave_angles(
 
     Parameters
     ----------
-    receiver : Receiver
-    bursts : sequence of SimulatedBurst
     reference_utc : numpy.datetime64
         What the middles are counted from.
     middle_s : numpy.ndarray, shape (N,)
         Middles of the records, ascending, s.
-    rng : numpy.random.Generator
 
     Returns
     -------

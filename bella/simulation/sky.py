@@ -41,7 +41,6 @@ class Gain:
     ----------
     wave_db : float
         Amplitude of the wave, of which the day is one period, dB.
-    step_db : float
     step_s : float
         Seconds after midnight.
     """
@@ -62,10 +61,8 @@ class Conditions:
 
     Attributes
     ----------
-    nuisances : tuple of Nuisance
     gaps_s : tuple of (float, float)
         When nothing was recorded, seconds after midnight.
-    gain : Gain
     clip : float
         Largest power that the receiver gives, in units of the background: brighter peaks are flat.
     lowest_mhz : float
@@ -89,7 +86,6 @@ class Sky:
 
     Attributes
     ----------
-    day : datetime.date
     bursts : tuple of SimulatedBurst
         In order of their release.
     storm : tuple of SimulatedBurst
@@ -105,18 +101,7 @@ class Sky:
 
 
 def draw_sky(day: date, observatories: Sequence[str], rng: np.random.Generator) -> Sky:
-    """Draw what is to be received on a day.
-
-    Parameters
-    ----------
-    day : datetime.date
-    observatories : sequence of str
-    rng : numpy.random.Generator
-
-    Returns
-    -------
-    Sky
-    """
+    """Draw what is to be received on a day."""
     bursts: list[SimulatedBurst] = []
     for _ in range(rng.poisson(MEAN_BURSTS)):
         burst = _of_a_stratum(draw_burst(day, rng), observatories, rng)
@@ -130,17 +115,7 @@ def draw_sky(day: date, observatories: Sequence[str], rng: np.random.Generator) 
 
 
 def draw_burst(day: date, rng: np.random.Generator) -> SimulatedBurst:
-    """Draw a burst at any time of a day, on any side of the Sun: a single pulse of a beam of constant speed.
-
-    Parameters
-    ----------
-    day : datetime.date
-    rng : numpy.random.Generator
-
-    Returns
-    -------
-    SimulatedBurst
-    """
+    """Draw a burst at any time of a day, on any side of the Sun: a single pulse of a beam of constant speed."""
     starts_high, fast_wind = rng.random() < 0.7, rng.random() < FAST_WIND
     return SimulatedBurst(
         release_utc=np.datetime64(day, "ns") + np.timedelta64(int(rng.uniform(0, DAY_S) * 1e9), "ns"),

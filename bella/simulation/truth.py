@@ -26,7 +26,6 @@ def day_truth(sky: Sky, observatories: Sequence[str]) -> dict[str, Any]:
 
     Parameters
     ----------
-    sky : Sky
     observatories : sequence of str
         Whose arrival times are wanted; the ephemeris knows them on that day.
 
@@ -46,11 +45,6 @@ def day_truth(sky: Sky, observatories: Sequence[str]) -> dict[str, Any]:
 
 def burst_truth(burst: SimulatedBurst, observatories: Sequence[str]) -> dict[str, Any]:
     """Parameters of a burst, and when and how bright each spacecraft receives it.
-
-    Parameters
-    ----------
-    burst : SimulatedBurst
-    observatories : sequence of str
 
     Returns
     -------

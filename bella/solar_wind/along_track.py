@@ -39,7 +39,6 @@ class TrackSpiral:
     ----------
     phi0_deg, v_sw_km_s : float
         HEE longitude at 1 solar radius, degrees, and speed.
-    rotation_period_d : float
     range_rsun : ndarray, shape (F,)
         Distances of the sources of the track, solar radii.
     utc : numpy.datetime64
@@ -136,7 +135,6 @@ def field_line_through(
 
     Parameters
     ----------
-    found : WindAssimilation
     source_rsun : numpy.ndarray, shape (3,)
         HEE, solar radii; the line keeps its heliographic latitude.
     utc : numpy.datetime64
@@ -185,14 +183,9 @@ def measured_wind(found: WindAssimilation, spiral: TrackSpiral) -> MeasuredWind:
 
     Parameters
     ----------
-    found : WindAssimilation
     spiral : TrackSpiral
         Of the true sources, that is corrected for scattering: the wind bends their field line, not that of the apparent
         sources. The error of its longitude counts as well.
-
-    Returns
-    -------
-    MeasuredWind
 
     Notes
     -----
@@ -223,7 +216,6 @@ def wind_companion(found: WindAssimilation, in_situ: InSitu, spiral: TrackSpiral
     ----------
     found : WindAssimilation
         Of the speeds `in_situ`.
-    in_situ : InSitu
     spiral : TrackSpiral or None
         None where none was fitted.
 
@@ -289,11 +281,6 @@ def _boundary(found: WindAssimilation) -> dict[str, Any]:
 
 def along_track(found: WindAssimilation, spiral: TrackSpiral) -> list[dict[str, Any]]:
     """Speed of the wind at some distances along a spiral, as far as the track reaches.
-
-    Parameters
-    ----------
-    found : WindAssimilation
-    spiral : TrackSpiral
 
     Returns
     -------

@@ -85,7 +85,6 @@ class Places:
     ----------
     range_rsun, longitude_deg : ndarray, shape (N,)
         Solar radii, and Carrington longitude at `utc`, degrees.
-    utc : ndarray of datetime64, shape (N,)
     """
 
     range_rsun: FloatArray
@@ -217,10 +216,6 @@ def assimilate_wind(
         Middle of the rotation.
     rotation_period_d : float
         Sidereal, days.
-
-    Returns
-    -------
-    WindAssimilation
 
     Raises
     ------

@@ -61,7 +61,6 @@ class Footpoint:
         In the three systems; at 1 solar radius in the plane of the ecliptic.
     latitude_deg : float
         Heliographic latitude of the ecliptic there, degrees: the track does not measure a latitude.
-    utc : numpy.datetime64
     """
 
     hee: Longitudes
@@ -80,10 +79,6 @@ def footpoint(phi0_deg: FloatArray, utc: np.datetime64) -> Footpoint:
         HEE longitudes of the spiral at 1 solar radius: draws of a fit, degrees.
     utc : numpy.datetime64
         Time of the burst.
-
-    Returns
-    -------
-    Footpoint
 
     Raises
     ------
@@ -110,11 +105,6 @@ def _summary(draws_deg: FloatArray, least_deg: float = -180.0) -> Longitudes:
 
 def regions_near(foot: Footpoint, regions: Iterable[SourceRegion]) -> pd.DataFrame:
     """Regions by how far they are from a footpoint in longitude, turned to its time.
-
-    Parameters
-    ----------
-    foot : Footpoint
-    regions : iterable of SourceRegion
 
     Returns
     -------
@@ -156,7 +146,6 @@ def connection_angles(
 
     Parameters
     ----------
-    foot : Footpoint
     speed_km_s : mapping of str to float
         Solar wind speed at each spacecraft.
     rotation_period_d : float
@@ -210,7 +199,6 @@ def footpoint_companion(
         HEE longitudes of the spiral at 1 solar radius: draws of a fit, degrees.
     utc : numpy.datetime64
         Time of the burst.
-    observatories : iterable of str
     measured_km_s : mapping of str to float, optional
         Speed of the wind at spacecraft at that time; where there is none it is assumed.
     regions : Regions, optional
@@ -244,11 +232,6 @@ def footpoint_companion(
 def regions_json(foot: Footpoint, given: Regions) -> dict[str, Any]:
     """Regions nearest to a footpoint.
 
-    Parameters
-    ----------
-    foot : Footpoint
-    given : Regions
-
     Returns
     -------
     dict
@@ -275,10 +258,6 @@ def _plain(value: Any) -> Any:
 
 def longitudes_json(longitude: Longitudes) -> dict[str, float]:
     """Longitude with its uncertainty.
-
-    Parameters
-    ----------
-    longitude : Longitudes
 
     Returns
     -------

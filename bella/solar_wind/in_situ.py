@@ -185,7 +185,6 @@ class InSitu:
     ----------
     speeds : dict of str to pandas.Series
         By observatory, km/s by UTC.
-    used : tuple of UsedFile
     left_out : tuple of str
         Files that could not be read, with the reason.
     reason : str
@@ -199,10 +198,6 @@ class InSitu:
 
     def at(self, utc: np.datetime64) -> dict[str, float]:
         """Speeds measured at a time.
-
-        Parameters
-        ----------
-        utc : numpy.datetime64
 
         Returns
         -------
@@ -222,7 +217,6 @@ def speeds_around(folder: Path | None, utc: np.datetime64, half: np.timedelta64 
 
     Parameters
     ----------
-    folder : Path or None
     utc : numpy.datetime64
         Middle of the rotation.
     half : numpy.timedelta64

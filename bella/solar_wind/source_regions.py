@@ -80,10 +80,6 @@ class SourceRegion:
     def at(self, utc: np.datetime64) -> "SourceRegion":
         """Region at another time, rotated with the differential rotation of the Sun.
 
-        Parameters
-        ----------
-        utc : numpy.datetime64
-
         Returns
         -------
         SourceRegion
@@ -193,10 +189,6 @@ def read_coronal_holes(path: Path, utc: np.datetime64) -> list[SourceRegion]:
     utc : numpy.datetime64
         Time of the image in which they were measured.
 
-    Returns
-    -------
-    list of SourceRegion
-
     Raises
     ------
     InputError
@@ -244,8 +236,6 @@ class Regions:
     ----------
     regions : tuple of SourceRegion
         At the time of their file.
-    used : tuple of UsedFile
-    left_out : tuple of str
     reason : str
         Why there is no file; empty where there is one.
     """
@@ -261,8 +251,6 @@ def regions_around(folder: Path | None, utc: np.datetime64, within: np.timedelta
 
     Parameters
     ----------
-    folder : Path or None
-    utc : numpy.datetime64
     within : numpy.timedelta64
         How far the time of a file may be from it.
 
@@ -295,12 +283,6 @@ def region_files(
 ) -> dict[str, list[tuple[Path, np.datetime64]]]:
     """Files of regions of a folder whose time, by their name, is near another.
 
-    Parameters
-    ----------
-    folder : Path
-    utc : numpy.datetime64
-    within : numpy.timedelta64
-
     Returns
     -------
     dict of str to list of (Path, numpy.datetime64)
@@ -318,10 +300,6 @@ def region_files(
 
 def region_sha256(path: Path) -> str:
     """Checksum of a file of regions.
-
-    Parameters
-    ----------
-    path : Path
 
     Returns
     -------

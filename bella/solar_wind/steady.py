@@ -43,7 +43,6 @@ class SteadyWind:
         Ascending from the inner boundary, solar radii.
     longitude_deg : ndarray, shape (L,)
         Carrington longitudes, the middles of equal bins, degrees.
-    speed_km_s : ndarray, shape (R, L)
     """
 
     range_rsun: FloatArray
@@ -102,10 +101,6 @@ def steady_wind(
         Solar radii.
     rotation_period_d : float
         Sidereal, days.
-
-    Returns
-    -------
-    SteadyWind
 
     Raises
     ------
@@ -208,7 +203,6 @@ def field_lines_deg(
 
     Parameters
     ----------
-    wind : SteadyWind
     range_rsun : float
         Distance of the points, solar radii.
     longitude_deg : ndarray, shape (D,)

@@ -292,10 +292,6 @@ def cartesian(range_rsun: npt.ArrayLike, longitude_deg: npt.ArrayLike, latitude_
 def points_of(point: npt.ArrayLike) -> FloatArray:
     """Points as an array of three coordinates each.
 
-    Parameters
-    ----------
-    point : array_like
-
     Returns
     -------
     numpy.ndarray, shape (N, 3)

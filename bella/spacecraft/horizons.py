@@ -36,10 +36,6 @@ def vectors_query(body: str, start: np.datetime64, stop: np.datetime64) -> dict[
     start, stop : numpy.datetime64
         First and last instant; taken as TDB, which is 69 s after UTC.
 
-    Returns
-    -------
-    dict of str to str
-
     Raises
     ------
     InputError

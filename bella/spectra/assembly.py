@@ -46,8 +46,6 @@ class Origin:
         Names, such as STEREO-A and HFR.
     quantity : str
         One of ``QUANTITIES``.
-    source : str
-        Name of the file.
     integration_s : float, optional
         The longest that a sample can have been integrated, s, where that is less than the time between records.
     """
@@ -362,10 +360,6 @@ def ascending(axis: npt.NDArray[Any], data_count: Callable[[], npt.NDArray[Any]]
         Times, frequencies.
     data_count : callable
         Gives how many data stand at each place; is called only where some are equal.
-
-    Returns
-    -------
-    numpy.ndarray of int
     """
     known = np.flatnonzero(~np.isnan(axis) if axis.dtype.kind in "fM" else np.ones(axis.size, dtype=bool))
     _, first = np.unique(axis[known], return_index=True)

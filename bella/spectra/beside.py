@@ -86,8 +86,6 @@ def read_records(  # noqa: PLR0913, PLR0917 - one argument per variable of the f
 
     Parameters
     ----------
-    cdf : CdfFile
-        The open file.
     origin : Origin
         Who measured it.
     variable : str
@@ -156,8 +154,6 @@ class Beside:
 
     Parameters
     ----------
-    cdf : CdfFile
-        The open file.
     shape : tuple of int
         Of the intensity, records first.
     variable : str

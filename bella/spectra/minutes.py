@@ -138,15 +138,10 @@ def visited_minutes(frequency_khz: int, start_s: float, minutes: int) -> Visited
 
     Parameters
     ----------
-    frequency_khz : int
     start_s : float
         When the list begins, seconds after the first minute does.
     minutes : int
         Their number, N.
-
-    Returns
-    -------
-    VisitedMinutes
     """
     runs = np.arange(-2, int(minutes * MINUTE_S / LIST_S) + 2) * LIST_S
     steps = np.flatnonzero(frequency_khz == LIST_KHZ) * DWELL_S

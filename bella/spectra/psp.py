@@ -51,8 +51,6 @@ def read_l2(cdf: CdfFile, receiver: str) -> tuple[xr.Dataset, ...]:
 
     Parameters
     ----------
-    cdf : CdfFile
-        The open file.
     receiver : str
         lfr or hfr.
 
@@ -77,8 +75,6 @@ def read_l3(cdf: CdfFile, receiver: str) -> tuple[xr.Dataset, ...]:
 
     Parameters
     ----------
-    cdf : CdfFile
-        The open file.
     receiver : str
         lfr or hfr.
 

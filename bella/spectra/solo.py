@@ -30,8 +30,6 @@ def read_l2_hfr(cdf: CdfFile, receiver: str = "hfr") -> tuple[xr.Dataset, ...]:
 
     Parameters
     ----------
-    cdf : CdfFile
-        The open file.
     receiver : str
         hfr.
 
@@ -67,8 +65,6 @@ def read_l2_tnr(cdf: CdfFile, receiver: str = "tnr") -> tuple[xr.Dataset, ...]:
 
     Parameters
     ----------
-    cdf : CdfFile
-        The open file.
     receiver : str
         tnr.
 
@@ -128,8 +124,6 @@ def read_l3(cdf: CdfFile, receiver: str) -> tuple[xr.Dataset, ...]:
 
     Parameters
     ----------
-    cdf : CdfFile
-        The open file.
     receiver : str
         hfr or tnr.
 

@@ -45,8 +45,6 @@ def read_level2(cdf: CdfFile, receiver: str = "") -> tuple[xr.Dataset, ...]:
 
     Parameters
     ----------
-    cdf : CdfFile
-        The open file.
     receiver : str
         Not used.
 
@@ -143,8 +141,6 @@ def read_l3(cdf: CdfFile, receiver: str) -> tuple[xr.Dataset, ...]:
 
     Parameters
     ----------
-    cdf : CdfFile
-        The open file.
     receiver : str
         Letter of the spacecraft and receiver, such as "a_hfr".
 

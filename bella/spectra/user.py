@@ -94,14 +94,6 @@ class UserFolder:
     def read(self, day: date) -> UserDay:
         """The spectra of a day.
 
-        Parameters
-        ----------
-        day : datetime.date
-
-        Returns
-        -------
-        UserDay
-
         Raises
         ------
         NoDataError

@@ -65,8 +65,6 @@ def read_h1(cdf: CdfFile, receiver: str = "") -> tuple[xr.Dataset, ...]:
 
     Parameters
     ----------
-    cdf : CdfFile
-        The open file.
     receiver : str
         Not used: the file holds all three.
 
@@ -121,8 +119,6 @@ def read_l2(cdf: CdfFile, receiver: str) -> tuple[xr.Dataset, ...]:
 
     Parameters
     ----------
-    cdf : CdfFile
-        The open file.
     receiver : str
         rad1, rad2 or tnr.
 
@@ -179,8 +175,6 @@ def read_k0(cdf: CdfFile, receiver: str = "") -> tuple[xr.Dataset, ...]:
 
     Parameters
     ----------
-    cdf : CdfFile
-        The open file.
     receiver : str
         Not used.
 
@@ -212,8 +206,6 @@ def read_l3_directions(cdf: CdfFile, receiver: str) -> tuple[xr.Dataset, ...]:
 
     Parameters
     ----------
-    cdf : CdfFile
-        The open file.
     receiver : str
         rad1.
 

@@ -26,8 +26,6 @@ def inside(root: Path, store_path: str, suffix: str = SUFFIX) -> Path:
 
     Parameters
     ----------
-    root : Path
-        Root of the store.
     store_path : str
         Path of the group relative to the root, with forward slashes.
     suffix : str
@@ -88,8 +86,6 @@ def place_group(staged: Path, root: Path, name: str) -> str:
     ----------
     staged : Path
         What `stage_group` returned.
-    root : Path
-        Root of the store.
     name : str
         New and unique path below the root, such as
         ``T3-20120607-1929/half_maximum-posterior-default-2d-3f9c.zarr.zip``.
@@ -147,8 +143,6 @@ def sweep(
 
     Parameters
     ----------
-    root : Path
-        Root of the store.
     referenced : collection of str
         Store paths the catalogue refers to; these are never removed. Read them before calling.
     older_than_s : float

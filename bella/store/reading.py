@@ -33,8 +33,6 @@ def open_group(root: Path, store_path: str, sha256: str | None = None) -> xr.Dat
 
     Parameters
     ----------
-    root : Path
-        Root of the store.
     store_path : str
         Path relative to the root as the catalogue keeps it.
     sha256 : str, optional
@@ -58,8 +56,6 @@ def open_tree(root: Path, store_path: str, sha256: str | None = None) -> xr.Data
 
     Parameters
     ----------
-    root : Path
-        Root of the store.
     store_path : str
         Path relative to the root as the catalogue keeps it.
     sha256 : str, optional
@@ -83,16 +79,10 @@ def file_of_group(root: Path, store_path: str, key: str) -> bytes:
 
     Parameters
     ----------
-    root : Path
-        Root of the store.
     store_path : str
         Path of the group as the catalogue keeps it.
     key : str
         Zarr key such as ``zarr.json`` or ``draws/c/0/0/0``.
-
-    Returns
-    -------
-    bytes
 
     Raises
     ------

@@ -39,10 +39,6 @@ def rounded_draws(posterior: xr.Dataset) -> xr.Dataset:
     ----------
     posterior : xarray.Dataset
         Variables ``draws``, ``joint_draws`` and ``joint_range_rsun`` where present; the others stay as they are.
-
-    Returns
-    -------
-    xarray.Dataset
     """
     there = {name: along for name, along in _ROUNDED.items() if name in posterior}
     return posterior.assign({name: _rounded(posterior[name], along) for name, along in there.items()})
@@ -115,8 +111,6 @@ def packed_folder(root: Path, store_path: str) -> Path:
 
     Parameters
     ----------
-    root : Path
-        Root of the store.
     store_path : str
         Path of the folder as the catalogue keeps it.
 
@@ -147,7 +141,6 @@ def write_group(group: xr.Dataset | xr.DataTree, path: Path) -> None:
 
     Parameters
     ----------
-    group : xarray.Dataset or xarray.DataTree
     path : Path
         Where nothing is yet, in a folder that exists.
 
@@ -176,8 +169,6 @@ def copy_group(root: Path, store_path: str, sha256: str, target: Path) -> None:
 
     Parameters
     ----------
-    root : Path
-        Root of the store.
     store_path : str
         Path of the group as the catalogue keeps it.
     sha256 : str

@@ -42,7 +42,6 @@ class ModelEvidence:
 
     Attributes
     ----------
-    fit : TrackFit
     log_bayes_factor : float
         Logarithm of its evidence over that of the best.
     probability : float
@@ -59,7 +58,6 @@ def models_of(fit: TrackFit, frequency_mhz: FloatArray) -> list[TrackModel]:
 
     Parameters
     ----------
-    fit : TrackFit
     frequency_mhz : ndarray, shape (F,)
 
     Returns
@@ -78,10 +76,8 @@ def compare_models(fit: TrackFit, grid: ArrivalGrid, seed: int = 0) -> list[Mode
 
     Parameters
     ----------
-    fit : TrackFit
     grid : ArrivalGrid
         That it was fitted to.
-    seed : int
 
     Returns
     -------
@@ -114,12 +110,6 @@ def _near(fit: TrackFit) -> list[tuple[float, float]]:
 
 def models_companion(fit: TrackFit, grid: ArrivalGrid, seed: int = 0) -> dict[str, Any]:
     """Models by their evidence, and the longitude averaged over them (Hoeting et al. 1999, doi:10.1214/ss/1009212519).
-
-    Parameters
-    ----------
-    fit : TrackFit
-    grid : ArrivalGrid
-    seed : int
 
     Returns
     -------
@@ -172,11 +162,8 @@ def fused_companion(
     ----------
     fit : TrackFit
         To the arrival times.
-    grid : ArrivalGrid
-    directions : DirectionTerms or None
     wind : WindPrior or None
         Of the apparent spiral; takes the place of the broad prior.
-    seed : int
 
     Returns
     -------

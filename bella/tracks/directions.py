@@ -66,7 +66,6 @@ class DirectionTerms:
 
     Attributes
     ----------
-    frequency_mhz : ndarray, shape (K,)
     receiver_rsun : ndarray, shape (K, 3)
         HEE, solar radii.
     towards : ndarray, shape (K, 3)
@@ -176,10 +175,6 @@ def _tangents(towards: FloatArray) -> FloatArray:
 def read_directions(path: Path) -> pd.DataFrame:
     """Read and check a table of wave directions from a CSV file; lines that begin with # are comments.
 
-    Parameters
-    ----------
-    path : Path
-
     Returns
     -------
     pandas.DataFrame
@@ -251,10 +246,6 @@ def direction_terms(
         Of the HEE axes.
     floor_deg : float
         Standard deviation of the turn that all directions of a spacecraft share beside their own errors, degrees.
-
-    Returns
-    -------
-    DirectionTerms
 
     Raises
     ------

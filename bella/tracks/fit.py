@@ -162,18 +162,10 @@ def refit(  # noqa: PLR0913
 
     Parameters
     ----------
-    fit : TrackFit
     grid : ArrivalGrid
         That it was fitted to.
-    likelihood : Likelihood
-    draws : int
-    seed : int
     starts : sequence of (float, float)
         Distances and winds to begin with, in standard deviations of their priors.
-
-    Returns
-    -------
-    TrackFit
     """
     likelihood = replace(likelihood, seen=fit.likelihood.seen)
     nodes = around_the_circle(likelihood, starts)
@@ -288,11 +280,6 @@ def is_no_spiral(wind_km_s: FloatArray, weight: FloatArray, prior: WindPrior) ->
     ----------
     wind_km_s, weight : ndarray, shape (M,)
         Draws; the weights add up to one.
-    prior : WindPrior
-
-    Returns
-    -------
-    bool
     """
     slowness = np.array([-np.inf, WIND_KM_S / FAST_WIND_KM_S, WIND_KM_S / SPIRAL_KM_S])
     fast, spiral = np.diff(ndtr((slowness - prior.slowness) / prior.slowness_sd))
@@ -412,10 +399,6 @@ def summary(values: FloatArray, weight: FloatArray, prior_width: float | None) -
         The weights add up to one.
     prior_width : float or None
         Width of the 68 % interval of the prior.
-
-    Returns
-    -------
-    Parameter
     """
     order = np.argsort(values)
     below = np.cumsum(weight[order]) - 0.5 * weight[order]
@@ -428,11 +411,6 @@ def summary(values: FloatArray, weight: FloatArray, prior_width: float | None) -
 
 def region(nodes: Nodes, probability: float) -> tuple[Interval, ...]:
     """Smallest region of the longitude at the Sun that holds a probability, part by part.
-
-    Parameters
-    ----------
-    nodes : Nodes
-    probability : float
 
     Returns
     -------

@@ -26,14 +26,12 @@ class Evidence:
 
     Attributes
     ----------
-    rows : Rows
     arrival_s : ndarray, shape (N,)
         Known delays taken off.
     noise_s2 : ndarray, shape (N, N)
         C.
     observatory : ndarray of int, shape (N,)
         Column of the grid.
-    observatories : tuple of str
     """
 
     rows: Rows
@@ -67,10 +65,6 @@ def evidence_of(grid: ArrivalGrid) -> Evidence:
     ----------
     grid : ArrivalGrid
         Frequencies received by one or two receivers count too.
-
-    Returns
-    -------
-    Evidence
     """
     row, column = np.nonzero(np.isfinite(grid.arrival_s))
     assert grid.rise_s is not None  # noqa: S101 - the grid fills it in
@@ -86,8 +80,6 @@ class Likelihood:
 
     Attributes
     ----------
-    track : Track
-    seen : Evidence
     directions : DirectionTerms or None
         Wave directions of the burst, within the band of the track.
     """

@@ -156,7 +156,6 @@ class Rows:
 
     Attributes
     ----------
-    frequency_mhz, rise_s : ndarray, shape (N,)
     receiver_rsun : ndarray, shape (N, 3)
         HEE.
     """
@@ -203,7 +202,6 @@ class Track:
 
     Attributes
     ----------
-    model : TrackModel
     band_mhz : (float, float)
         Lowest and highest frequency.
     """
@@ -322,7 +320,6 @@ class Track:
         ----------
         phi0_rad : ndarray, shape (B,)
         z : ndarray, shape (B, P)
-        rows : Rows
 
         Returns
         -------

@@ -57,11 +57,8 @@ class Nodes:
 
     Attributes
     ----------
-    phi0_rad : ndarray, shape (B,)
-    z : ndarray, shape (B, P)
     log_density : ndarray, shape (B,)
         At the best parameters.
-    hessian : ndarray, shape (B, P, P)
     """
 
     phi0_rad: FloatArray
@@ -91,11 +88,8 @@ class Draws:
 
     Attributes
     ----------
-    phi0_rad : ndarray, shape (M,)
-    z : ndarray, shape (M, P)
     weight : ndarray, shape (M,)
         They add up to one.
-    log_evidence : float
     """
 
     phi0_rad: FloatArray
@@ -114,15 +108,9 @@ def climb(likelihood: Likelihood, phi0_rad: FloatArray, z: FloatArray, iteration
 
     Parameters
     ----------
-    likelihood : Likelihood
     phi0_rad : ndarray, shape (B,)
     z : ndarray, shape (B, P)
         Where to begin.
-    iterations : int
-
-    Returns
-    -------
-    Nodes
     """
     z, damping = z.copy(), np.full(len(z), 1e-3)
     identity = np.eye(z.shape[1])
@@ -162,7 +150,6 @@ def around_the_circle(likelihood: Likelihood, starts: Starts = STARTS) -> Nodes:
 
     Parameters
     ----------
-    likelihood : Likelihood
     starts : sequence of (float, float)
         Distances and winds to begin with, in standard deviations of their priors.
 
@@ -239,19 +226,7 @@ def _spread(phi0_rad: FloatArray, log_evidence: FloatArray) -> float:
 
 
 def sample(likelihood: Likelihood, nodes: Nodes, number: int, rng: np.random.Generator) -> Draws:
-    """Draws of a track, weighted by their exact density.
-
-    Parameters
-    ----------
-    likelihood : Likelihood
-    nodes : Nodes
-    number : int
-    rng : numpy.random.Generator
-
-    Returns
-    -------
-    Draws
-    """
+    """Draws of a track, weighted by their exact density."""
     width = cells(nodes.phi0_rad)
     log_share = np.log(width) + nodes.log_evidence
     log_share -= logsumexp(log_share)
@@ -284,14 +259,12 @@ def propagated(
 
     Parameters
     ----------
-    likelihood : Likelihood
     nodes : Nodes
         Of all delays together.
     starts : sequence of (float, float)
         As :func:`around_the_circle` takes them; the best of `nodes` is tried as well.
     number : int
         Of the draws.
-    rng : numpy.random.Generator
 
     Returns
     -------

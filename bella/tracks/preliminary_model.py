@@ -107,14 +107,6 @@ def range_prior(low_mhz: float, high_mhz: float) -> RangePrior:
 
     Mean and covariance of: any of the models, fundamental or harmonic with equal weight; times a factor of two; times
     a power of the frequency; times a smooth factor.
-
-    Parameters
-    ----------
-    low_mhz, high_mhz : float
-
-    Returns
-    -------
-    RangePrior
     """
     low, high = np.log([low_mhz, high_mhz])
     inner = np.linspace(low, high, COEFFICIENTS - DEGREE + 1)[1:-1]

@@ -65,7 +65,6 @@ class Quality:
 
     Attributes
     ----------
-    chi2, freedom, misfit_p : float
     plain_chi2 : float
         Per degree of freedom, with a smooth error of no more than `PLAIN_SHAPE` of the rise.
     offsets : dict of str to Parameter

@@ -63,7 +63,6 @@ class ScatteringModel:
 
     Attributes
     ----------
-    name : str
     frequency_mhz : ndarray, shape (K,)
         Ascending.
     emission_rsun, apparent_rsun : ndarray, shape (K,)
@@ -168,7 +167,6 @@ def density_excess(
         Frequencies, and distances of their sources from the Sun; one shape.
     harmonic : int
         1 where a wave has the plasma frequency, 2 where it has twice that.
-    model : DensityModel
 
     Returns
     -------
@@ -285,8 +283,6 @@ def corrected_spiral(fit: TrackFit, model: ScatteringModel, frequency_mhz: Float
 
     Parameters
     ----------
-    fit : TrackFit
-    model : ScatteringModel
     frequency_mhz : numpy.ndarray, shape (F,)
         Where the spirals are corrected; frequencies that were not simulated are left out.
 

@@ -110,8 +110,6 @@ class SempFit:
         In units of c; NaN with the flag ``beam_speed_not_positive``.
     rms_s : float
         Weighted root mean square residual, s.
-    chi2 : float
-    flags : tuple of str
     """
 
     release_s: float
@@ -133,7 +131,6 @@ def semp_residual_s(
 
     Parameters
     ----------
-    times : SempTimes
     phi0_deg : float or numpy.ndarray, shape (L,)
         HEE longitude of the spiral at 1 solar radius, degrees.
     v_sw_km_s : float
@@ -166,17 +163,12 @@ def fit_semp(
 
     Parameters
     ----------
-    times : SempTimes
     v_sw_km_s : float
         Solar wind speed, km/s; the times hardly constrain it.
     light_km_s : float
         Speed of light, km/s.
     rotation_period_d : float
         Days.
-
-    Returns
-    -------
-    SempFit
 
     Raises
     ------
@@ -215,7 +207,6 @@ def semp_companion(grid: ArrivalGrid, v_sw_km_s: float = ASSUMED_WIND_KM_S) -> d
 
     Parameters
     ----------
-    grid : ArrivalGrid
     v_sw_km_s : float
         Speed of the wind, which the fit assumes, km/s.
 
@@ -257,14 +248,6 @@ def semp_companion(grid: ArrivalGrid, v_sw_km_s: float = ASSUMED_WIND_KM_S) -> d
 def semp_times(grid: ArrivalGrid) -> SempTimes:
     """Arrival times of a burst in the form that SEMP takes, with the covariance of their errors.
 
-    Parameters
-    ----------
-    grid : ArrivalGrid
-
-    Returns
-    -------
-    SempTimes
-
     Raises
     ------
     InputError
@@ -285,13 +268,6 @@ def semp_times(grid: ArrivalGrid) -> SempTimes:
 
 def profile_interval_deg(times: SempTimes, fit: SempFit, v_sw_km_s: float, growth: float) -> tuple[float, float] | None:
     """Longitudes between which the least chi-squared of any release and speed stays within `growth` of its minimum.
-
-    Parameters
-    ----------
-    times : SempTimes
-    fit : SempFit
-    v_sw_km_s : float
-    growth : float
 
     Returns
     -------

@@ -92,10 +92,8 @@ class BrokenLine:
         Of the first segment, continued to the origin that was asked for.
     slope, slope_sd : ndarray, shape (K + 1,)
         Of each segment.
-    knot : ndarray, shape (K,)
     chi2 : float
         Sum of the squared distances.
-    points : int
     """
 
     value: float
@@ -257,10 +255,6 @@ def fit_spiral(position_rsun: FloatArray, covariance_rsun2: FloatArray | None = 
     most_knots : int
         0 for one spiral through all positions.
 
-    Returns
-    -------
-    Spiral
-
     Raises
     ------
     GeometryError
@@ -305,7 +299,6 @@ def fit_broken_line(points: Points, knots: int, origin: float = 0.0) -> BrokenLi
 
     Parameters
     ----------
-    points : Points
     knots : int
         0 for a straight line.
     origin : float
@@ -485,7 +478,6 @@ def piecewise_fit(
     ----------
     posterior : xarray.Dataset
         A solution of :func:`bella.multilateration.localise`.
-    most_knots : int
     rotation_period_d : float
         Rotation period of the Sun, days.
 

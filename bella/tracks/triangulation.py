@@ -54,7 +54,6 @@ class Triangulation:
         Of the weighted normal matrix, large where the geometry is poor; of the unweighted one for parallel lines.
     miss_rsun : ndarray, shape (N,)
         Distance of the source from each line, solar radii.
-    flags : tuple of str
     """
 
     position_rsun: FloatArray
