@@ -5,7 +5,6 @@ import math
 import os
 import shutil
 import sqlite3
-import struct
 import sys
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import closing
@@ -201,15 +200,10 @@ def test_edge_definition_changes_the_track(first_run: FirstRun) -> None:
 def test_figures_are_pictures(first_run: FirstRun) -> None:
     sandbox, done = first_run
     profile = "shared-profile-shared_profile.posterior.default.2d.v1"
-    for name in ("constellation-posterior-default.svg", "spectra.svg", f"{profile}.svg", f"{profile}.png"):
+    for name in ("constellation-posterior-default.svg", "spectra.svg", f"{profile}.svg"):
         path = sandbox.home / "figures" / BURST / name
         assert str(path) in done.stdout
-        content = path.read_bytes()
-        if path.suffix == ".svg":
-            assert content.startswith(b"<svg ")
-            continue
-        assert content[:8] == b"\x89PNG\r\n\x1a\n"
-        assert min(struct.unpack(">II", content[16:24])) > 500
+        assert path.read_bytes().startswith(b"<svg ")
 
 
 def test_nothing_is_written_outside_the_home_folder(first_run: FirstRun) -> None:
