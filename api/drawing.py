@@ -15,7 +15,7 @@ from api.service import Service
 from bella.catalogue import BurstSummary, Catalogue, Solution
 from bella.exceptions import InputError
 from bella.pipeline import page_figures
-from bella.pipeline.page_figures import Answered, FirstLook
+from bella.pipeline.page_figures import AnswerData, FirstLook
 from bella.plotting import Estimate, MapView, Marked, SpectraView, footpoint_figure, longitude_figure, wind_figure
 from bella.plotting.constellation import Frame, View
 from bella.plotting.geometry import receiver_positions
@@ -24,6 +24,9 @@ from bella.records import REAL_ORIGINS
 from bella.spacecraft import position
 from bella.times import parse_utc
 from bella.units import C_RSUN_S
+
+MOST_MARKED = 1000
+"""More bursts than these are not drawn: the newest of them are."""
 
 
 class BurstView(SolutionChoice):
@@ -123,12 +126,12 @@ class Looked:
         return self.catalogue.track_fit(self.shown.solution_id) if self.shown else {}
 
     @cached_property
-    def answer(self) -> Answered | None:
+    def answer(self) -> AnswerData | None:
         """The same with its posterior and its track; None where the burst has no answer."""
         return self._answered(self.shown, self.track) if self.shown else None
 
-    def _answered(self, solution: Solution, track: dict[str, Any]) -> Answered:
-        return Answered(solution, self.service.posterior(solution), track)
+    def _answered(self, solution: Solution, track: dict[str, Any]) -> AnswerData:
+        return AnswerData(solution, self.service.posterior(solution), track)
 
     @cached_property
     def first(self) -> FirstLook | None:
@@ -142,7 +145,7 @@ class Looked:
         return self.first.figures if self.first and is_first else {}
 
     @cached_property
-    def _answers(self) -> list[Answered]:
+    def _answers(self) -> list[AnswerData]:
         """Those that are drawn, the one that is shown first."""
         others = self.others if self.view.all else []
         rest = [self._answered(one, self.catalogue.track_fit(one.solution_id)) for one in others]
@@ -208,10 +211,6 @@ class Looked:
         if self.first:
             return self.first.figures.get("residuals")
         return page_figures.residuals(self.answer) if self.answer else None
-
-
-MOST_MARKED = 1000
-"""More bursts than these are not drawn: the newest of them are."""
 
 
 @dataclass(frozen=True)

@@ -26,18 +26,6 @@ from bella.exceptions import (
 )
 
 PROBLEM = "application/problem+json"
-
-
-class Problem(BaseModel):
-    """What is wrong, and what to do about it (RFC 9457)."""
-
-    type: str = Field(examples=["about:blank"])
-    title: str = Field(examples=["The request is wrong"])
-    status: int = Field(examples=[422])
-    detail: str = Field(examples=["start: 'noon' is not a time; write a UTC time as 2012-06-07"])
-    instance: str = Field(description="Path of the request.", examples=["/api/v1/bursts"])
-
-
 DESCRIBED: dict[int | str, dict[str, Any]] = {
     status: {"description": words, "content": {PROBLEM: {"schema": {"$ref": "#/components/schemas/Problem"}}}}
     for status, words in {
@@ -53,6 +41,16 @@ CHALLENGE = 'Bearer realm="bella"'
 """How a request proves who sends it (RFC 6750)."""
 
 log = structlog.get_logger(__name__)
+
+
+class Problem(BaseModel):
+    """What is wrong, and what to do about it (RFC 9457)."""
+
+    type: str = Field(examples=["about:blank"])
+    title: str = Field(examples=["The request is wrong"])
+    status: int = Field(examples=[422])
+    detail: str = Field(examples=["start: 'noon' is not a time; write a UTC time as 2012-06-07"])
+    instance: str = Field(description="Path of the request.", examples=["/api/v1/bursts"])
 
 
 class TooLargeError(InputError):

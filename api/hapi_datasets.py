@@ -50,6 +50,38 @@ MOST_DAYS = 36_600
 SAMPLE_BURSTS = 5
 
 Instants = tuple[np.datetime64, np.datetime64]
+POSITION_STEP = timedelta(hours=1)
+POSITION_PARAMETERS = (
+    TIME_PARAMETER,
+    *(
+        HapiParameter(
+            name.lower().replace("-", "_"),
+            "double",
+            "solRad",
+            f"Position of {name}, HEE of that time; unknown outside the ephemeris.",
+            fill=FLOAT_FILL,
+            vector=("x", "y", "z"),
+        )
+        for name in OBSERVATORIES
+    ),
+)
+AVAILABILITY_PARAMETERS = (
+    *table_parameters(DAYS),
+    *(
+        HapiParameter(
+            f"{name.lower().replace('-', '_')}_hours",
+            "double",
+            "h",
+            f"Hours of the day of which {name} had data; unknown where nobody looked.",
+            fill=FLOAT_FILL,
+        )
+        for name in OBSERVATORIES
+    ),
+)
+_INTERVAL = (
+    " A record belongs to the time of its onset, start_utc, alone: a request gives what begins in it; what began before"
+    " it and goes on (see end_utc) is not repeated."
+)
 
 
 @dataclass(frozen=True)
@@ -139,23 +171,6 @@ def _events(service: Service, start: datetime, stop: datetime) -> HapiRecords:
     return table_records(table_of_rows(EVENTS, rows))
 
 
-POSITION_STEP = timedelta(hours=1)
-POSITION_PARAMETERS = (
-    TIME_PARAMETER,
-    *(
-        HapiParameter(
-            name.lower().replace("-", "_"),
-            "double",
-            "solRad",
-            f"Position of {name}, HEE of that time; unknown outside the ephemeris.",
-            fill=FLOAT_FILL,
-            vector=("x", "y", "z"),
-        )
-        for name in OBSERVATORIES
-    ),
-)
-
-
 def _positions(_: Service, start: datetime, stop: datetime) -> HapiRecords:
     if (stop - start) / POSITION_STEP > MOST_RECORDS:
         raise HapiError(1408, f"more than {MOST_RECORDS} hours; ask for a shorter time")
@@ -174,21 +189,6 @@ def _position(observatory: str, times: np.ndarray) -> np.ndarray:
     if inside.any():
         found[inside] = position(observatory, times[inside])
     return found
-
-
-AVAILABILITY_PARAMETERS = (
-    *table_parameters(DAYS),
-    *(
-        HapiParameter(
-            f"{name.lower().replace('-', '_')}_hours",
-            "double",
-            "h",
-            f"Hours of the day of which {name} had data; unknown where nobody looked.",
-            fill=FLOAT_FILL,
-        )
-        for name in OBSERVATORIES
-    ),
-)
 
 
 def _availability(service: Service, start: datetime, stop: datetime) -> HapiRecords:
@@ -257,10 +257,6 @@ def _around(start: datetime, stop: datetime) -> Instants:
 
 _ONSETS = _sample_of_bursts(timedelta(minutes=1), timedelta(minutes=30))
 _TIMES_OF_BURSTS = _sample_of_bursts(timedelta(hours=1), LONGEST_BURST)
-_INTERVAL = (
-    " A record belongs to the time of its onset, start_utc, alone: a request gives what begins in it; what began before"
-    " it and goes on (see end_utc) is not repeated."
-)
 
 
 def _of_table(

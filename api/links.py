@@ -17,6 +17,7 @@ FORWARDED = b"x-forwarded-prefix"
 _PREFIX_PATTERN = re.compile(r"(/[A-Za-z0-9._~-]+)+")
 _LOCAL = ("127.0.0.1", "::1")
 _PREFIX: ContextVar[str] = ContextVar("prefix", default="")
+API = "/api/v1"
 
 
 def linked(path: str) -> str:
@@ -73,9 +74,6 @@ def _forwarded(scope: Scope) -> str:
         return ""
     given = next((value.decode("latin-1") for name, value in scope["headers"] if name == FORWARDED), "").rstrip("/")
     return given if _PREFIX_PATTERN.fullmatch(given) else ""
-
-
-API = "/api/v1"
 
 
 def zarr_path(solution: Solution) -> str:

@@ -29,6 +29,24 @@ AGE_S = 60.0
 
 MOST_BYTES, LARGEST_BYTES = 64_000_000, 1_000_000
 """Of all replies of one process, and of one."""
+# scripts and styles come from this service alone; spectra are data: images inside of figures
+CONTENT_SECURITY_POLICY = "; ".join(
+    [
+        "default-src 'none'",
+        "script-src 'self'",
+        "style-src 'self'",
+        "img-src 'self' data:",
+        "connect-src 'self'",
+        "form-action 'self'",
+        "base-uri 'none'",
+        "frame-ancestors 'self'",
+    ]
+)
+ALWAYS = {
+    "X-Content-Type-Options": "nosniff",
+    "Referrer-Policy": "no-referrer",
+    "Content-Security-Policy": CONTENT_SECURITY_POLICY,
+}
 
 
 @dataclass(frozen=True)
@@ -114,27 +132,6 @@ def _key(scope: Scope, asked: Headers) -> tuple[str, ...]:
         asked.get("accept", ""),
         "gzip" if "gzip" in asked.get("accept-encoding", "") else "",
     )
-
-
-# scripts and styles come from this service alone; spectra are data: images inside of figures
-CONTENT_SECURITY_POLICY = "; ".join(
-    [
-        "default-src 'none'",
-        "script-src 'self'",
-        "style-src 'self'",
-        "img-src 'self' data:",
-        "connect-src 'self'",
-        "form-action 'self'",
-        "base-uri 'none'",
-        "frame-ancestors 'self'",
-    ]
-)
-
-ALWAYS = {
-    "X-Content-Type-Options": "nosniff",
-    "Referrer-Policy": "no-referrer",
-    "Content-Security-Policy": CONTENT_SECURITY_POLICY,
-}
 
 
 class SecurityHeaders:

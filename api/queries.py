@@ -60,6 +60,12 @@ SubmissionId = Annotated[str, Path(description="Id of a submission.", examples=[
 
 NEWEST_FIRST: Literal["-start"] = "-start"
 CURSOR = Field(None, description="Where to go on: taken from `next` of the reply before.")
+EMPTY_IS_NONE = BeforeValidator(lambda value: None if value == "" else value)
+"""A form sends what is not filled in as an empty text."""
+
+_TIME_TEXT = {"type": "string", "anyOf": [{"format": "date"}, {"format": "date-time"}]}
+CHOICES = ("edge", "method", "preset", "version")
+"""Names of what chooses a solution."""
 
 
 def _known_flag(name: str) -> str:
@@ -70,11 +76,7 @@ def _known_flag(name: str) -> str:
 
 FlagName = Annotated[str, AfterValidator(_known_flag), WithJsonSchema({"type": "string", "enum": [*FLAGS]})]
 
-EMPTY_IS_NONE = BeforeValidator(lambda value: None if value == "" else value)
-"""A form sends what is not filled in as an empty text."""
-
 Asked = Annotated[str | None, EMPTY_IS_NONE]
-_TIME_TEXT = {"type": "string", "anyOf": [{"format": "date"}, {"format": "date-time"}]}
 TimeAsked = Annotated[str | None, EMPTY_IS_NONE, WithJsonSchema(_TIME_TEXT)]
 DayAsked = Annotated[str | None, EMPTY_IS_NONE, WithJsonSchema({"type": "string", "format": "date"})]
 Bound = Annotated[Annotated[float, Field(ge=-MOST, le=MOST, allow_inf_nan=False)] | None, EMPTY_IS_NONE]
@@ -96,10 +98,6 @@ Methods = Annotated[list[MethodName], _without_empty]
 
 def _bound(description: str, example: float) -> Any:
     return Field(None, description=description, examples=[example])
-
-
-CHOICES = ("edge", "method", "preset", "version")
-"""Names of what chooses a solution."""
 
 
 class Parameters(BaseModel):

@@ -21,15 +21,7 @@ from bella.plotting import KINDS, edge_name
 from bella.records import DayAnswer
 from bella.spacecraft import OBSERVATORIES
 
-
-def flag_meaning(flag: str) -> str:
-    """What a quality flag means, for a reader of the page."""
-    return (FLAGS | COMPANION_FLAGS).get(flag, flag.replace("_", " "))
-
-
 NOT_COMPARED = "its position is not known, so it was not compared with others"
-
-
 _ANSWERS = {
     DayAnswer.NO_DATA: "the archives were asked and have no file of this day.",
     DayAnswer.ARCHIVE_SILENT: "an archive could not be asked, so it is not known whether there are files of this day.",
@@ -38,6 +30,12 @@ _ANSWERS = {
     DayAnswer.NOT_LOCALISABLE: "bursts were found, but none could be localised.",
     DayAnswer.LOCALISED: "at least one burst was localised.",
 }
+TEMPLATES = Path(__file__).parent / "templates"
+
+
+def flag_meaning(flag: str) -> str:
+    """What a quality flag means, for a reader of the page."""
+    return (FLAGS | COMPANION_FLAGS).get(flag, flag.replace("_", " "))
 
 
 def answer_words(answer: DayAnswer) -> str:
@@ -55,7 +53,6 @@ def reason_words(reason: str) -> str:
     return reason.removeprefix("not localisable: ").replace("_", " ").replace(" mhz", " MHz")
 
 
-TEMPLATES = Path(__file__).parent / "templates"
 MINUS, DASH = "\N{MINUS SIGN}", "\N{EN DASH}"
 
 

@@ -17,6 +17,8 @@ from bella.linked_events import Event, EventKind, Link
 from bella.records import DayAnswer, Origin
 
 ORIGIN = "Where the data come from: archive, event, submission, user; or simulated, test."
+NEAR = "Events near a burst in time, both at the Sun: a link is no proof that one caused the other."
+NO_LISTS = "No list of events is known here: a burst without events is one that was not compared with any."
 
 
 class Reply(BaseModel):
@@ -133,10 +135,6 @@ class DaysReply(PageReply):
     """Searched days, the newest first."""
 
     days: list[DaySummaryReply]
-
-
-NEAR = "Events near a burst in time, both at the Sun: a link is no proof that one caused the other."
-NO_LISTS = "No list of events is known here: a burst without events is one that was not compared with any."
 
 
 class EventReply(Reply):
@@ -282,17 +280,7 @@ def calibration_of(solution: Solution, observatories: Sequence[str]) -> Calibrat
     observatories : sequence of str
         That received the burst.
     """
-    series, answer = solution.series, solution.answer
-    real = Answered(
-        len(observatories),
-        series.edge,
-        answer.tier,
-        answer.grade,
-        method=series.method,
-        preset=series.preset,
-        origin=solution.origin,
-    )
-    return _reply_of(real)
+    return _reply_of(solution.answered(observatories))
 
 
 @cache

@@ -19,6 +19,13 @@ STATUS_HEADER = "X-HAPI-Status"
 LARGEST_HEAD_BYTES = 16_384
 """Of a request."""
 
+KEEP_ALIVE_S = 5
+GRACE_S = 3
+"""Time to finish replies when the process is told to end: a stream of alerts would never finish by itself."""
+
+MOST_CONNECTIONS = 500
+"""Connections at a time; above, those that have been sending the head of a request for longest are closed."""
+
 
 class _Phrased(h11.Connection):
     def send(self, event: h11.Event) -> bytes | None:  # type: ignore[override]  # its overloads say no more
@@ -41,11 +48,6 @@ class PhrasedProtocol(H11Protocol):
 
 HEAD_S, BODY_S = 10.0, 30.0
 """Longest time that a client may take to send the head of a request, and its body of at most a few MB."""
-KEEP_ALIVE_S = 5
-GRACE_S = 3
-"""Time to finish replies when the process is told to end: a stream of alerts would never finish by itself."""
-MOST_CONNECTIONS = 500
-"""Connections at a time; above, those that have been sending the head of a request for longest are closed."""
 
 
 class TimedProtocol(PhrasedProtocol):

@@ -45,6 +45,12 @@ AT_ONCE = 8
 """Replies that are streamed at a time: each holds a connection to the database until its reader has it all."""
 
 _FREE = BoundedSemaphore(AT_ONCE)
+FORMAT = Field(None, description="Without it, as the Accept header says.")
+JSON = FORMATS["json"]
+FRAME = {"frame": "HEE, solar radii; times UTC", "remark": APPARENT_SOURCE}
+PAGE = 1000
+MOST_BURSTS = 20_000
+"""In one reply that is made in memory, as CDF and TFCat have to be."""
 
 
 def streamed(request: Request, pieces: Generator[bytes], media_type: str, headers: dict[str, str]) -> Response:
@@ -95,15 +101,8 @@ class _Streamed(StreamingResponse):
                 await run_in_threadpool(self._rest.close)
 
 
-FORMAT = Field(None, description="Without it, as the Accept header says.")
 FormatName = Annotated[str | None, WithJsonSchema({"type": "string", "enum": [*FORMATS]})]
 """What is none of these is answered as the Accept header would be: with 406."""
-
-JSON = FORMATS["json"]
-FRAME = {"frame": "HEE, solar radii; times UTC", "remark": APPARENT_SOURCE}
-PAGE = 1000
-MOST_BURSTS = 20_000
-"""In one reply that is made in memory, as CDF and TFCat have to be."""
 
 
 class BurstTableFilter(BurstFilter):

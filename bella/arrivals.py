@@ -47,8 +47,9 @@ DELAY_LENGTH_LN_F = 1.0
 to 0.9 of their correlation over 0.8 in ln f (46 simulated bursts)."""
 
 SCALE_POWER = 0.75
-"""Errors of edges grow with this power of the rise along a burst. In proportion to the rise (1) they are less likely by
-1 in ln L for each of 2012-06-07 and 2020-07-21."""
+"""Errors of edges grow with this power of the rise along a burst. In proportion to the rise (1) they are less likely
+by 2 and 6 in ln L for 2012-06-07 and 2020-07-21, and by 1.7 for a simulated burst; at 0.5, which is likelier still,
+half-maximum edges of 2012-06-07 would exclude no wind above 1500 km/s."""
 
 MIN_OBSERVATORIES = 3
 MAX_ROWS = 100_000

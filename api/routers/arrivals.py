@@ -22,6 +22,15 @@ from bella.catalogue import ANONYMOUS, submission_name
 from bella.exceptions import BusyError, InputError, NoDataError, StoreError
 
 AUTHORISED_SO = "send it as the header 'Authorization: Bearer TOKEN'; the operator makes one with bella token create"
+TABLE_TYPES = {"text/csv", "application/csv", "text/plain", "application/octet-stream", ""}
+SENT_SO = "send it with curl --data-binary @arrivals.csv -H 'Content-Type: text/csv'"
+FORMULA = ("=", "+", "-", "@")
+"""With these a spreadsheet begins a formula (OWASP, CSV injection)."""
+
+EDGE_NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_-]{0,63}")
+"""An edge becomes part of the id of its solution."""
+
+log = structlog.get_logger(__name__)
 
 
 def _submitter(request: Request, service: ServiceHere, catalogue: CatalogueHere) -> str:
@@ -50,17 +59,7 @@ def _submitter(request: Request, service: ServiceHere, catalogue: CatalogueHere)
 
 Submitter = Annotated[str, Depends(_submitter)]
 
-
 router = APIRouter(prefix="/api/v1/arrivals", tags=["arrivals"])
-
-TABLE_TYPES = {"text/csv", "application/csv", "text/plain", "application/octet-stream", ""}
-SENT_SO = "send it with curl --data-binary @arrivals.csv -H 'Content-Type: text/csv'"
-FORMULA = ("=", "+", "-", "@")
-"""With these a spreadsheet begins a formula (OWASP, CSV injection)."""
-EDGE_NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_-]{0,63}")
-"""An edge becomes part of the id of its solution."""
-
-log = structlog.get_logger(__name__)
 
 
 async def _received(request: Request) -> bytes:

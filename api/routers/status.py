@@ -3,11 +3,11 @@
 import os
 from collections.abc import Callable
 from dataclasses import asdict
-from datetime import UTC, date, datetime
-from typing import Annotated, Any
+from datetime import UTC, datetime
+from typing import Any
 
 import structlog
-from fastapi import APIRouter, Query, Request, Response
+from fastapi import APIRouter, Request, Response
 from fastapi.responses import HTMLResponse
 from prometheus_client import CONTENT_TYPE_LATEST, CollectorRegistry, Gauge, generate_latest
 from pydantic import Field
@@ -21,13 +21,13 @@ from bella import __version__
 from bella.catalogue import Catalogue, Freshness, Latency, MockRun
 from bella.exceptions import BellaError, StoreError
 from bella.pipeline.alive import Disk, Link, chain, disk_of
-from bella.spacecraft import observatory_name
-from bella.spectra import Quirk, quirks
 
 router = APIRouter(tags=["service"])
 
 WATCHED_SINCE = datetime.now(UTC)
 """When this process was started."""
+
+log = structlog.get_logger(__name__)
 
 
 class QueueReply(Reply):
@@ -134,23 +134,6 @@ def _registry(now: StatusReply) -> CollectorRegistry:
     _gauge("disk_total_bytes", "Size of the disk of the home folder.", now.disk.total_bytes if now.disk else None)
     _gauge("solutions", "Solutions in the catalogue, superseded ones too.", now.solutions)
     return registry
-
-
-@router.get(f"{API}/quirks")
-def known_quirks(
-    observatory: Annotated[str | None, Query(description="Spacecraft, such as SOLO or Solar Orbiter.")] = None,
-    day: Annotated[date | None, Query(description="Only what applies on this day, UTC.")] = None,
-) -> list[Quirk]:
-    """List the known quirks: instrument, dates, effect, what the readers do, source."""
-    wanted = None if observatory is None else observatory_name(observatory)
-    return [
-        one
-        for one in quirks()
-        if wanted in {None, one.observatory} and (day is None or one.first <= day.isoformat() <= (one.last or "9999"))
-    ]
-
-
-log = structlog.get_logger(__name__)
 
 
 @router.get("/health", responses={503: {"model": HealthReply, "description": "Something the service needs is away."}})

@@ -30,6 +30,51 @@ SATURATED, EDGES_DISAGREE = "saturated", "edges_disagree"
 FIT_FAILED, PEAK_OUTSIDE = "fit_failed", "peak_outside"
 """Why a channel has no edge; what each means stands in :data:`bella.flags.EDGE_FLAGS`."""
 
+LEVEL = 0.5
+"""Fraction of the maximum power at which a flank is timed."""
+
+FLUX_SCATTER = 0.05
+"""Typical fractional scatter of a sample of Wind and STEREO one-minute spectra, beside the noise before the burst."""
+
+QUIET_SAMPLES = 4
+"""From so few samples before the flank on, their scatter is taken as the noise."""
+
+GAP_CADENCES = 1.5
+"""Samples around the crossing that lie further apart than this many records leave the flank unknown."""
+
+QUALIFIES = 0.6
+"""A maximum counts from this share of the highest on."""
+
+DIP_SIGMAS = 3.5
+SMALLEST_DIP = 0.12
+"""A maximum is over when the power has fallen below it by so much: in its noise, and as a share of it."""
+
+RISE_SAMPLES = 3
+"""With this many samples or more on the rise, three of them are averaged first."""
+
+FLAT_SAMPLES, FLAT_RISES, FLAT_SHARE = 3, 0.5, 1e-3
+"""A light curve that stays within such a share of its maximum for so many samples and half widths of the rise has been
+cut off. The share is below any scatter, and above what the background, which is taken away, changes meanwhile.
+"""
+
+CEILING_CHANNELS, CEILING_RATIO, CEILING_SHARE = 3, 2.0, 0.05
+"""With so many channels cut off, those within such a ratio of one in frequency are cut off too where they reach its
+level within such a share: too short for their cadence, their flat maxima are one or two samples.
+"""
+
+WIDTHS_BEFORE_PEAK = 1.0
+C0, C1, C2, C3, C4 = math.sqrt(6) / 4, -math.sqrt(3), -math.sqrt(6), 2 * math.sqrt(3) / 3, math.sqrt(6) / 3
+"""Coefficients of the Hermite polynomials (van der Marel & Franx 1993)."""
+
+PARAMETERS = 6
+WIDEST_H3, WIDEST_H4 = 0.4, 0.3
+START_WIDTHS = (1.0, 2.5, 6.0)
+"""Widths to start from, in spacings of the samples."""
+
+DIFFERENCE = 1e-5
+FARTHEST_WIDTHS = 6.0
+NEGLIGIBLE = 1e-9
+
 
 class Edge(NamedTuple):
     """Where a light curve rises."""
@@ -56,19 +101,6 @@ def no_edge(reason: str) -> Edge:
         Time and standard deviation NaN.
     """
     return Edge(math.nan, math.nan, reason)
-
-
-LEVEL = 0.5
-"""Fraction of the maximum power at which a flank is timed."""
-
-FLUX_SCATTER = 0.05
-"""Typical fractional scatter of a sample of Wind and STEREO one-minute spectra, beside the noise before the burst."""
-
-QUIET_SAMPLES = 4
-"""From so few samples before the flank on, their scatter is taken as the noise."""
-
-GAP_CADENCES = 1.5
-"""Samples around the crossing that lie further apart than this many records leave the flank unknown."""
 
 
 def half_maximum_edge(time_s: FloatArray, power: FloatArray, cadence_s: float, last_s: float = math.inf) -> Edge:
@@ -165,17 +197,6 @@ def quiet_noise(power: FloatArray, maximum: float) -> float:
     return 1.4826 * float(np.median(np.abs(quiet - np.median(quiet))))
 
 
-QUALIFIES = 0.6
-"""A maximum counts from this share of the highest on."""
-
-DIP_SIGMAS = 3.5
-SMALLEST_DIP = 0.12
-"""A maximum is over when the power has fallen below it by so much: in its noise, and as a share of it."""
-
-RISE_SAMPLES = 3
-"""With this many samples or more on the rise, three of them are averaged first."""
-
-
 def first_maximum(power: FloatArray, samples_on_rise: float, scatter: float = FLUX_SCATTER) -> int:
     """First maximum that is high enough and followed by a significant dip, else the highest sample.
 
@@ -203,12 +224,6 @@ def first_maximum(power: FloatArray, samples_on_rise: float, scatter: float = FL
     return int(power[: max(stop, 1)].argmax())
 
 
-FLAT_SAMPLES, FLAT_RISES, FLAT_SHARE = 3, 0.5, 1e-3
-"""A light curve that stays within such a share of its maximum for so many samples and half widths of the rise has been
-cut off. The share is below any scatter, and above what the background, which is taken away, changes meanwhile.
-"""
-
-
 def is_cut_off(time_s: FloatArray, power: FloatArray, top: int, rise_s: float) -> bool:
     """Whether a receiver was saturated: the light curve is flat about its maximum.
 
@@ -226,12 +241,6 @@ def is_cut_off(time_s: FloatArray, power: FloatArray, top: int, rise_s: float) -
     begin, end = np.concatenate([[-1], other, [power.size]])[place : place + 2]
     flat_s = time_s[begin + 1 : end]
     return bool(flat_s.size >= FLAT_SAMPLES and flat_s[-1] - flat_s[0] >= FLAT_RISES * rise_s)
-
-
-CEILING_CHANNELS, CEILING_RATIO, CEILING_SHARE = 3, 2.0, 0.05
-"""With so many channels cut off, those within such a ratio of one in frequency are cut off too where they reach its
-level within such a share: too short for their cadence, their flat maxima are one or two samples.
-"""
 
 
 def reach_ceiling(
@@ -260,21 +269,6 @@ def reach_ceiling(
     away = np.abs(np.log(frequency_mhz)[:, None] - known).min(axis=1)
     ceiling = np.interp(np.log(frequency_mhz), known, highest[cut_off])
     return np.asarray(cut_off | ((away <= np.log(CEILING_RATIO)) & (np.abs(highest / ceiling - 1) <= CEILING_SHARE)))
-
-
-WIDTHS_BEFORE_PEAK = 1.0
-
-C0, C1, C2, C3, C4 = math.sqrt(6) / 4, -math.sqrt(3), -math.sqrt(6), 2 * math.sqrt(3) / 3, math.sqrt(6) / 3
-"""Coefficients of the Hermite polynomials (van der Marel & Franx 1993)."""
-
-PARAMETERS = 6
-WIDEST_H3, WIDEST_H4 = 0.4, 0.3
-START_WIDTHS = (1.0, 2.5, 6.0)
-"""Widths to start from, in spacings of the samples."""
-
-DIFFERENCE = 1e-5
-FARTHEST_WIDTHS = 6.0
-NEGLIGIBLE = 1e-9
 
 
 def gauss_hermite(time_s: FloatArray, parameters: npt.ArrayLike) -> FloatArray:

@@ -32,6 +32,20 @@ from bella.exceptions import InputError
 from bella.spectra import event_spectra
 from bella.units import FloatArray
 
+PUBLISHED_TRACK = {
+    "model": "the paper",
+    "doi": "10.1051/0004-6361/202347747",
+    "phi0_deg": {"mean": 30.0, "sd": 2.0},
+    "v_sw_km_s": {"mean": 400.0, "sd": 20.0},
+    "rotation_period_d": 24.47,
+}
+"""Spiral of the paper (Canizares et al. 2024), with the rotation period that its figures use."""
+
+REFERENCE_UTC = np.datetime64("2012-06-07T19:20:00", "ns")
+"""Zero of the times in the resource files."""
+
+MAD_TO_SD = 1.4826
+
 
 class BuiltInEvent(NamedTuple):
     """What the catalogue says about the built-in burst."""
@@ -56,20 +70,7 @@ EVENT = BuiltInEvent(
     observatories=("WIND", "STEREO-A", "STEREO-B"),
 )
 
-PUBLISHED_TRACK = {
-    "model": "the paper",
-    "doi": "10.1051/0004-6361/202347747",
-    "phi0_deg": {"mean": 30.0, "sd": 2.0},
-    "v_sw_km_s": {"mean": 400.0, "sd": 20.0},
-    "rotation_period_d": 24.47,
-}
-"""Spiral of the paper (Canizares et al. 2024), with the rotation period that its figures use."""
-
-REFERENCE_UTC = np.datetime64("2012-06-07T19:20:00", "ns")
-"""Zero of the times in the resource files."""
-
 FREQUENCIES_MHZ = np.geomspace(EVENT.low_mhz, EVENT.high_mhz, 200)
-MAD_TO_SD = 1.4826
 
 
 class TimeEvolution(NamedTuple):

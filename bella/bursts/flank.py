@@ -64,6 +64,51 @@ RATIO_STEP = 0.05
 """Step of the logarithm of decay over rise between tabulated curves."""
 
 BEFORE_SD, AFTER_SD, STEPS_PER_SD = 8.0, 40.0, 40
+UNIT_TIME = np.linspace(-BEFORE_SD, AFTER_SD, int((BEFORE_SD + AFTER_SD) * STEPS_PER_SD) + 1)
+RISES_BEFORE = 8.0
+"""How much of the background before the first guess is fitted with the flank, in half widths of the rise."""
+
+RISES_AFTER, CADENCES_AFTER = 3.0, 2.0
+"""How long after the first guess the fit ends at the latest: so many half widths of the rise and a record, or so many
+records. Two bursts without a dip between them have their common maximum later than any single one.
+"""
+
+SIGNAL_SIGMAS = 7.0
+"""A maximum of fewer standard deviations of the quiet samples is none; of pure noise those below a quarter of the
+maximum scatter by two thirds of all.
+"""
+
+MISFIT_PROBABILITY = 1e-3
+"""The best curve must fit better than noise alone would leave it so rarely."""
+
+SHAPE_ERROR = 0.01
+"""Share of the maximum by which a light curve may depart from the fitted shape and from the nodes of the grid."""
+
+TOP_ERROR = 1.5
+"""The highest sample was chosen for being high and the one after it may hold another burst: their errors times this."""
+
+DISAGREE_SIGMAS = 3.0
+LINE_BIAS = 0.1
+"""Bias of the half-maximum from the straight line between two samples, in records."""
+
+FLANK_WIDTHS = 2.0
+"""Duration of the flank from background to maximum along its steepest slope, in half widths of the rise. Of many noisy
+samples on it, the half-maximum takes the last below one half and is late by the error of a sample over that slope.
+"""
+
+FLANK_RISES = 2.5
+"""Half widths of the rise before the first guess from which on no sample may be missing."""
+
+SAMPLES_ON_RISE, HIGH_SAMPLES = 3.0, 8
+"""With so many samples on the half width of the rise, and above half of the maximum, neighbours differ by their scatter
+more than by the burst.
+"""
+
+LARGEST_SCATTER = 0.15
+"""Neighbours that differ by more are not noise: receivers scatter by 0.02 to 0.14 of the power."""
+
+FEWEST = 4
+STEPS_PER_RISE, STEPS_PER_CADENCE = 24, 60
 
 
 class UnitCurve(NamedTuple):
@@ -75,9 +120,6 @@ class UnitCurve(NamedTuple):
     """Maximum of the curve."""
     half_rise: float
     """When it has risen to half of that."""
-
-
-UNIT_TIME = np.linspace(-BEFORE_SD, AFTER_SD, int((BEFORE_SD + AFTER_SD) * STEPS_PER_SD) + 1)
 
 
 @lru_cache(maxsize=512)
@@ -164,51 +206,6 @@ def _means(time: FloatArray, averaging: Averaging, step: int) -> FloatArray:
 
 
 BoolArray = npt.NDArray[np.bool_]
-
-RISES_BEFORE = 8.0
-"""How much of the background before the first guess is fitted with the flank, in half widths of the rise."""
-
-RISES_AFTER, CADENCES_AFTER = 3.0, 2.0
-"""How long after the first guess the fit ends at the latest: so many half widths of the rise and a record, or so many
-records. Two bursts without a dip between them have their common maximum later than any single one.
-"""
-
-SIGNAL_SIGMAS = 7.0
-"""A maximum of fewer standard deviations of the quiet samples is none; of pure noise those below a quarter of the
-maximum scatter by two thirds of all.
-"""
-
-MISFIT_PROBABILITY = 1e-3
-"""The best curve must fit better than noise alone would leave it so rarely."""
-
-SHAPE_ERROR = 0.01
-"""Share of the maximum by which a light curve may depart from the fitted shape and from the nodes of the grid."""
-
-TOP_ERROR = 1.5
-"""The highest sample was chosen for being high and the one after it may hold another burst: their errors times this."""
-
-DISAGREE_SIGMAS = 3.0
-LINE_BIAS = 0.1
-"""Bias of the half-maximum from the straight line between two samples, in records."""
-
-FLANK_WIDTHS = 2.0
-"""Duration of the flank from background to maximum along its steepest slope, in half widths of the rise. Of many noisy
-samples on it, the half-maximum takes the last below one half and is late by the error of a sample over that slope.
-"""
-
-FLANK_RISES = 2.5
-"""Half widths of the rise before the first guess from which on no sample may be missing."""
-
-SAMPLES_ON_RISE, HIGH_SAMPLES = 3.0, 8
-"""With so many samples on the half width of the rise, and above half of the maximum, neighbours differ by their scatter
-more than by the burst.
-"""
-
-LARGEST_SCATTER = 0.15
-"""Neighbours that differ by more are not noise: receivers scatter by 0.02 to 0.14 of the power."""
-
-FEWEST = 4
-STEPS_PER_RISE, STEPS_PER_CADENCE = 24, 60
 
 
 class Grid(NamedTuple):

@@ -55,6 +55,19 @@ LEAST_SCATTER, USUAL_SCATTER, LARGEST_SCATTER = 0.02, 0.04, 0.15
 FLANK_RISES = 1.0
 """No sample may be missing so many rise times about the arrival."""
 
+IN_LINE = 0.5
+"""A channel starts from its own half-maximum where that lies this near the line through the next two channels on one
+side, or one on each, in units of the rise and the cadence: a wrong one does not."""
+
+DECAY_AT_1_MHZ_S, DECAY_SLOPE = 72.0, -0.97
+"""Decay time of bursts, Kontar et al. 2019, ApJ 884, 122, doi:10.3847/1538-4357/ab40bb."""
+
+QUARTERS_TO_RISE = 0.77
+"""Time from a quarter to three quarters of the maximum over the half width, of a Gaussian."""
+
+LEVEL_SD, TILT_SD, RISE_SCATTER = 0.6, 0.25, 0.25
+"""Of ln rise of a burst about that of a typical one, its slope, and single channels about both."""
+
 
 @dataclass(frozen=True)
 class LightCurves:
@@ -127,14 +140,6 @@ class Start:
     curve_s: FloatArray
 
 
-IN_LINE = 0.5
-"""A channel starts from its own half-maximum where that lies this near the line through the next two channels on one
-side, or one on each, in units of the rise and the cadence: a wrong one does not."""
-
-DECAY_AT_1_MHZ_S, DECAY_SLOPE = 72.0, -0.97
-"""Decay time of bursts, Kontar et al. 2019, ApJ 884, 122, doi:10.3847/1538-4357/ab40bb."""
-
-
 def decay_s(frequency_mhz: FloatArray) -> FloatArray:
     """Decay time of a typical burst, 72 (f / MHz)^-0.97 s, same shape as the frequencies."""
     return np.asarray(DECAY_AT_1_MHZ_S * np.asarray(frequency_mhz, dtype=np.float64) ** DECAY_SLOPE)
@@ -150,13 +155,6 @@ class RiseOfBurst:
     def rise_s(self, frequency_mhz: FloatArray) -> FloatArray:
         """Half width of the rise at frequencies, s."""
         return np.asarray(rise_s(frequency_mhz) * np.exp(self.level + self.slope * np.log(frequency_mhz)))
-
-
-QUARTERS_TO_RISE = 0.77
-"""Time from a quarter to three quarters of the maximum over the half width, of a Gaussian."""
-
-LEVEL_SD, TILT_SD, RISE_SCATTER = 0.6, 0.25, 0.25
-"""Of ln rise of a burst about that of a typical one, its slope, and single channels about both."""
 
 
 def own_rise(lights: Sequence[LightCurves]) -> RiseOfBurst:

@@ -22,6 +22,26 @@ from bella.heliosphere import DENSITY_MODELS, emission_range_rsun
 from bella.spectra import over_background, relative_power, sample_times
 from bella.units import C_RSUN_S, FloatArray
 
+STEP_S = 60.0
+LOWEST_MHZ, HIGHEST_MHZ = 0.1, 14.0
+CHANNELS = 56
+SPIKE_RECORDS = (1, 2)
+"""How many minutes a calibration lasts."""
+
+EDGES_MHZ: FloatArray = np.geomspace(LOWEST_MHZ, HIGHEST_MHZ, CHANNELS + 1)
+FREQUENCY_MHZ: FloatArray = np.sqrt(EDGES_MHZ[1:] * EDGES_MHZ[:-1])
+BEAM_SPEEDS_C = tuple(float(speed) for speed in np.geomspace(0.04, 0.45, 10))
+SLOWING = 0.37
+"""Beams slow down as r^-0.37 (Krupar et al. 2015, A&A 580, A137, doi:10.1051/0004-6361/201425308)."""
+
+TEMPLATE_CONTRAST = 10.0
+TEMPLATE_RISE_S, TEMPLATE_RISE_SLOPE = 1.5, -0.77
+"""Half width of the rise of the pulse at 30 MHz, and its slope: Reid & Kontar 2018, A&A 614, A69. Many bursts rise more
+slowly at low frequencies; the onset, which the minute of a match is, then is where a fast one would begin."""
+
+BEFORE_RECORDS = 8
+"""Minutes before the rise that it is compared with."""
+
 
 @dataclass(frozen=True)
 class DetectionThresholds:
@@ -145,15 +165,6 @@ class DetectionThresholds:
 
 
 THRESHOLDS = DetectionThresholds()
-
-STEP_S = 60.0
-LOWEST_MHZ, HIGHEST_MHZ = 0.1, 14.0
-CHANNELS = 56
-SPIKE_RECORDS = (1, 2)
-"""How many minutes a calibration lasts."""
-
-EDGES_MHZ: FloatArray = np.geomspace(LOWEST_MHZ, HIGHEST_MHZ, CHANNELS + 1)
-FREQUENCY_MHZ: FloatArray = np.sqrt(EDGES_MHZ[1:] * EDGES_MHZ[:-1])
 
 
 def over_quiet(spectrum: xr.Dataset) -> xr.Dataset:
@@ -308,18 +319,6 @@ def _noise_db(excess_db: FloatArray) -> FloatArray:
     squares = np.nansum(negative**2, axis=0)
     noise = np.maximum(np.sqrt(squares / np.maximum(count, 1)), THRESHOLDS.noise_db)
     return np.where(np.isfinite(excess_db).any(axis=0), noise, np.nan)
-
-
-BEAM_SPEEDS_C = tuple(float(speed) for speed in np.geomspace(0.04, 0.45, 10))
-SLOWING = 0.37
-"""Beams slow down as r^-0.37 (Krupar et al. 2015, A&A 580, A137, doi:10.1051/0004-6361/201425308)."""
-
-TEMPLATE_CONTRAST = 10.0
-TEMPLATE_RISE_S, TEMPLATE_RISE_SLOPE = 1.5, -0.77
-"""Half width of the rise of the pulse at 30 MHz, and its slope: Reid & Kontar 2018, A&A 614, A69. Many bursts rise more
-slowly at low frequencies; the onset, which the minute of a match is, then is where a fast one would begin."""
-BEFORE_RECORDS = 8
-"""Minutes before the rise that it is compared with."""
 
 
 class Match(NamedTuple):

@@ -24,8 +24,8 @@ CHANNEL_SHARES = np.geomspace(0.002, 0.2, 8)
 """Smooth and independent errors on trial, in rise times of the burst.
 
 Their size is not known beforehand: even in its logarithm. Simulated bursts have about 0.01 of the smooth one, the real
-bursts of 2012-06-07 and 2020-07-21 have 0.1. One pair holds for all spacecraft: the most probable errors of each alone
-give the errors of one to another (pulls of 0.8 to 1, but positions of two simulated bursts off by 1.5 and 3 sigma).
+bursts of 2012-06-07 and 2020-07-21 have 0.13. One pair holds for all spacecraft: with the most probable errors
+of each alone pulls were 0.8 to 1, but positions of two simulated bursts were off by 1.5 and 3 sigma.
 """
 
 SHAPE_LENGTH_LN_F = 0.2
@@ -63,7 +63,6 @@ MOST_FOR_NOISE = 28
 OFFSET_S = 0.15
 """Timing offset of a spacecraft beside its clock and its sample times: what simulated bursts leave."""
 
-
 WIDTH_ERROR = 0.4
 """Error of the edge of a spacecraft, in rise times, over the spread of ln width between the spacecraft: light curves
 that differ in width differ in asymmetry too, and half of the maximum is then no longer the same moment. Simulated
@@ -75,6 +74,21 @@ UNRESOLVED_WIDTHS = 0.03
 
 LEAST_SIGMA_S = 0.1
 """Independent error that the table gives every time at least."""
+
+PER_CHANNEL = (
+    "observatory",
+    "frequency_mhz",
+    "arrival_s",
+    "rise_s",
+    "channel_sd_s",
+    "shared_s",
+    "offset_s",
+    "shape_sd_s",
+)
+WIDEST_HOLE = 2.0
+"""Ratio of neighbouring channels with an arrival time up to which times between them are given: over a wider hole the
+times of a burst are not as smooth as the process takes them to be.
+"""
 
 
 @dataclass(frozen=True)
@@ -130,18 +144,6 @@ class Timed:
         )
         alone = np.diag(self.channel_sd_s**2) + (self.correlated_s2 if self.correlated_s2.size else 0.0)
         return np.asarray(alone + np.where(same, smooth, 0.0) + self.shared_s @ self.shared_s.T)
-
-
-PER_CHANNEL = (
-    "observatory",
-    "frequency_mhz",
-    "arrival_s",
-    "rise_s",
-    "channel_sd_s",
-    "shared_s",
-    "offset_s",
-    "shape_sd_s",
-)
 
 
 def _smooth(frequency_mhz: FloatArray, size_s: FloatArray, length_ln_f: float) -> FloatArray:
@@ -292,12 +294,6 @@ def outliers(timed: Timed) -> BoolArray:
             inverse = np.delete(np.delete(inverse, worst, axis=0), worst, axis=1)
             kept = np.delete(kept, worst)
     return np.asarray(wrong)
-
-
-WIDEST_HOLE = 2.0
-"""Ratio of neighbouring channels with an arrival time up to which times between them are given: over a wider hole the
-times of a burst are not as smooth as the process takes them to be.
-"""
 
 
 def at_frequencies(timed: Timed, frequency_mhz: FloatArray) -> Timed:

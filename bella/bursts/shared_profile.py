@@ -94,6 +94,8 @@ ROUNDS, STEPS, LAST_STEPS = 9, 5, 80
 CONVERGED = 1.0
 """The fit has converged when a step of the last round lowers chi2 by less."""
 
+STEP = float(GRID[1] - GRID[0])
+
 
 @dataclass(frozen=True)
 class ProfileEdges:
@@ -172,7 +174,6 @@ def _hats() -> FloatArray:
 
 
 HATS = _hats()
-STEP = float(GRID[1] - GRID[0])
 
 
 def fit_profile(lights: Sequence[LightCurves]) -> ProfileEdges:

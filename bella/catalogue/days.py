@@ -20,6 +20,10 @@ _DAYS, _DETECTIONS = table_of(SearchedDayRow), table_of(DetectionRow)
 _REACH = timedelta(days=1)
 """No onset is farther from the day of its burst; onsets have an index, days of detections have none."""
 
+MAX_DETECTIONS = 10_000
+UNSEARCHED = (DayAnswer.NO_DATA, DayAnswer.ARCHIVE_SILENT)
+_COLUMNS = tuple(Detection.__dataclass_fields__)
+
 
 def days(  # noqa: PLR0913, PLR0917 - one argument per filter
     engine: Engine,
@@ -127,11 +131,6 @@ def neighbours(
     after = select(func.min(_DAYS.c.day)).where(own, _DAYS.c.day > day)
     with reading(engine) as connection:
         return connection.execute(before).scalar_one(), connection.execute(after).scalar_one()
-
-
-MAX_DETECTIONS = 10_000
-UNSEARCHED = (DayAnswer.NO_DATA, DayAnswer.ARCHIVE_SILENT)
-_COLUMNS = tuple(Detection.__dataclass_fields__)
 
 
 def record_day(engine: Engine, day: SearchedDay, found: Sequence[Detection], lease: Lease | None = None) -> None:

@@ -19,6 +19,9 @@ BINS = 24 * 60 // MINUTES_PER_BIN
 HAS_DATA = 0.5
 """Part of a bin with data from which on a receiver counts as there."""
 
+MOST_TIMED = 1000
+"""Newest solutions whose latencies are summarised."""
+
 
 class ReceiverDay(Record):
     """Part of each hour of a day in which a receiver had data."""
@@ -68,9 +71,6 @@ def fleet_of(receivers: tuple[ReceiverDay, ...], hour: int) -> tuple[str, ...]:
 
 FreshnessState = Literal["ok", "no file yet", "silent"]
 """Of a data set: the newest file that is due is held; the archive answers and has no such file; it does not answer."""
-
-MOST_TIMED = 1000
-"""Newest solutions whose latencies are summarised."""
 
 
 class FreshnessRow(Base):

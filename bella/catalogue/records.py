@@ -3,13 +3,14 @@
 All times are UTC; a time without a zone is taken as UTC on the way in, and has the zone UTC on the way out.
 """
 
-from collections.abc import Iterable
+from collections.abc import Collection, Iterable
 from dataclasses import dataclass, field
 from datetime import date, datetime
 from math import nan
 from typing import Any, Literal
 
 from bella.answer import Answer
+from bella.calibration.tried import Answered
 from bella.records import REAL_ORIGINS, Alert, DayAnswer, Origin, Track
 
 METHOD_ORDER = ("posterior", "nuts", "tdoa")
@@ -214,6 +215,25 @@ class Solution:
     origin: Origin = Origin.ARCHIVE
     retracted: Retraction | None = None
     pruned_utc: datetime | None = None
+
+    def answered(self, observatories: Collection[str]) -> Answered:
+        """How the burst was timed, localised and graded, which says what simulated bursts are like it.
+
+        Parameters
+        ----------
+        observatories : collection of str
+            That received the burst.
+        """
+        series, answer = self.series, self.answer
+        return Answered(
+            len(observatories),
+            series.edge,
+            answer.tier,
+            answer.grade,
+            method=series.method,
+            preset=series.preset,
+            origin=self.origin,
+        )
 
 
 @dataclass(frozen=True, order=True)

@@ -60,6 +60,22 @@ _AS_STORED = (
     *("created_utc", "reference_utc", "spectra_path", "pruned_utc"),
 )
 _SOURCE = ("dataset", "day", "version", "sha256", "state", "uri")
+_SOLUTION_ID: BindParameter[str] = bindparam("solution_id")
+_PLACED, _FITTED, _LINK, _FILE = map(table_of, (LocalisationRow, TrackFitRow, SolutionSourceRow, SourceFileRow))
+_LOCALISATIONS = (
+    select(*(_PLACED.c[one.name] for one in fields(Localisation)))
+    .where(_PLACED.c.solution_id == _SOLUTION_ID)
+    .order_by(_PLACED.c.frequency_mhz)
+)
+_TRACK_FIT = select(_FITTED.c.fit).where(_FITTED.c.solution_id == _SOLUTION_ID)
+_SOURCES = (
+    select(*(_FILE.c[one.name] for one in fields(SourceFile)))
+    .join(_LINK, _LINK.c.source_id == _FILE.c.source_id)
+    .where(_LINK.c.solution_id == _SOLUTION_ID)
+    .order_by(_LINK.c.position)
+)
+MOST_JOINTS = 10_000
+"""That are kept in memory, of about 3 kB each."""
 
 
 def is_newest(table: Any) -> ColumnElement[bool]:
@@ -231,22 +247,6 @@ def solution(engine: Engine, solution_id: str) -> Solution:
         return _existing(connection, solution_id)
 
 
-_SOLUTION_ID: BindParameter[str] = bindparam("solution_id")
-_PLACED, _FITTED, _LINK, _FILE = map(table_of, (LocalisationRow, TrackFitRow, SolutionSourceRow, SourceFileRow))
-_LOCALISATIONS = (
-    select(*(_PLACED.c[one.name] for one in fields(Localisation)))
-    .where(_PLACED.c.solution_id == _SOLUTION_ID)
-    .order_by(_PLACED.c.frequency_mhz)
-)
-_TRACK_FIT = select(_FITTED.c.fit).where(_FITTED.c.solution_id == _SOLUTION_ID)
-_SOURCES = (
-    select(*(_FILE.c[one.name] for one in fields(SourceFile)))
-    .join(_LINK, _LINK.c.source_id == _FILE.c.source_id)
-    .where(_LINK.c.solution_id == _SOLUTION_ID)
-    .order_by(_LINK.c.position)
-)
-
-
 def localisations(engine: Engine, solution_id: str) -> tuple[Localisation, ...]:
     """Localisations of a solution by ascending frequency.
 
@@ -284,9 +284,6 @@ def places_of(engine: Engine, solution_ids: Collection[str]) -> dict[str, list[t
 
 Joints = Kept[tuple[str, datetime], JointTrack | None]
 """Each under the id of its solution and the time of its publication: nothing of it changes after that."""
-
-MOST_JOINTS = 10_000
-"""That are kept in memory, of about 3 kB each."""
 
 
 def joints_of(engine: Engine, some: Iterable[Solution], kept: Joints) -> dict[str, JointTrack]:

@@ -371,17 +371,7 @@ def say_answer(summary: "BurstSummary") -> None:
 
 def calibration_sentence(burst: "Burst", solution: "Solution") -> str:
     """How often answers about simulated bursts like this one held the truth."""
-    from bella.calibration.tried import NOT_TRIED, PAGE, Answered, tried
+    from bella.calibration.tried import NOT_TRIED, PAGE, tried
 
-    series, answer = solution.series, solution.answer
-    real = Answered(
-        len(burst.observatories),
-        series.edge,
-        answer.tier,
-        answer.grade,
-        method=series.method,
-        preset=series.preset,
-        origin=solution.origin,
-    )
-    found = tried(real)
+    found = tried(solution.answered(burst.observatories))
     return f"{found.sentence} See {PAGE}" if found else NOT_TRIED

@@ -20,6 +20,9 @@ if TYPE_CHECKING:
     import pandas as pd
     import xarray as xr
 
+LEAST_WIDTH = 12
+"""Of a column that may be broken into lines; a narrower terminal breaks the lines of the table instead."""
+
 
 class Screen(Console):
     """A console whose reader may leave: ``bella ... | head`` ends quietly and is no failure."""
@@ -34,10 +37,6 @@ class Screen(Console):
 out, err = Screen(), Console(stderr=True)
 talk, bars = Screen(), Console(stderr=True)
 """Standard output and error for what ``--quiet`` leaves out: tables and remarks, and progress."""
-
-
-LEAST_WIDTH = 12
-"""Of a column that may be broken into lines; a narrower terminal breaks the lines of the table instead."""
 
 
 def be_quiet(quiet: bool) -> None:

@@ -24,8 +24,21 @@ BoolArray = npt.NDArray[np.bool_]
 GAUSSIAN = Noise()
 ALONE, BLOCK = 500, 8_000
 """Points of a problem from which on they are treated alone, and most points treated at once: fastest as measured."""
+
 MOST_SIGNS = 8
 """Receivers up to which every combination of signs is tried for the largest change of the residuals."""
+
+PER_COMPONENT = (
+    "whitening",
+    "differences",
+    "mean_weight",
+    "total_weight",
+    "mean_arrival_s",
+    "log_norm",
+    "steepest",
+)
+SHARED = ("receivers", "receiver_rsun2", "rise_s")
+PER_PROBLEM = (*SHARED, *PER_COMPONENT)
 
 
 @dataclass(frozen=True)
@@ -111,19 +124,6 @@ class Problems:
         of_points = {name: np.moveaxis(values, (0, 1), (-2, -1))[None] for name, values in gathered.items()}
         shared = {name: getattr(self, name)[..., None] for name in SHARED}
         return replace(self, **shared, **of_points)
-
-
-PER_COMPONENT = (
-    "whitening",
-    "differences",
-    "mean_weight",
-    "total_weight",
-    "mean_arrival_s",
-    "log_norm",
-    "steepest",
-)
-SHARED = ("receivers", "receiver_rsun2", "rise_s")
-PER_PROBLEM = (*SHARED, *PER_COMPONENT)
 
 
 @dataclass(frozen=True)

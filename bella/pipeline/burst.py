@@ -107,10 +107,11 @@ class Begun:
 
 
 def process_burst(given: BurstInput, choice: Choice, settings: Settings, run_id: str) -> BurstOutcome:
-    """Localise a burst: :func:`begin_burst`, and :func:`continue_burst` to its end."""
-    done = begin_burst(given, choice, settings, run_id)
-    while isinstance(done, Begun):
-        done = continue_burst(done, settings, run_id)
+    """Localise a burst: :func:`begin_burst`, and :func:`continue_burst` to its end, with no other run in between."""
+    with _at_work(given.burst.burst_id, settings, run_id) as (catalogue, lease):
+        done = _begin(given, choice, catalogue, settings, lease)
+        while isinstance(done, Begun):
+            done = _Work(done, catalogue, settings, lease).next_step()
     return done
 
 
@@ -134,12 +135,18 @@ def begin_burst(given: BurstInput, choice: Choice, settings: Settings, run_id: s
     StoreError, UnreachableError, OSError
         If store or catalogue cannot be used: nothing is said of the burst.
     """
-    begun_utc = datetime.now(UTC)
     with _at_work(given.burst.burst_id, settings, run_id) as (catalogue, lease):
-        around = surroundings_of(given.burst.start_utc, settings)
-        burst = replace(given.burst, origin=given.origin)
-        work = _Work(Begun(replace(given, burst=burst), choice, around, begun_utc), catalogue, settings, lease)
-        begun = work.first() if len(burst.observatories) >= MIN_OBSERVATORIES else work.preliminary()
+        return _begin(given, choice, catalogue, settings, lease)
+
+
+def _begin(
+    given: BurstInput, choice: Choice, catalogue: Catalogue, settings: Settings, lease: Lease
+) -> Begun | BurstOutcome:
+    begun_utc = datetime.now(UTC)
+    around = surroundings_of(given.burst.start_utc, settings)
+    burst = replace(given.burst, origin=given.origin)
+    work = _Work(Begun(replace(given, burst=burst), choice, around, begun_utc), catalogue, settings, lease)
+    begun = work.first() if len(burst.observatories) >= MIN_OBSERVATORIES else work.preliminary()
     return begun if begun.outcomes else BurstOutcome(burst.burst_id, reason=next(iter(begun.refused.values())))
 
 
@@ -158,15 +165,8 @@ def continue_burst(begun: Begun, settings: Settings, run_id: str) -> Begun | Bur
     BusyError, StoreError, UnreachableError, OSError
         As :func:`begin_burst`; what is published stays, and a later run does the rest.
     """
-    burst_id = begun.given.burst.burst_id
-    with _at_work(burst_id, settings, run_id) as (catalogue, lease):
-        work = _Work(begun, catalogue, settings, lease)
-        if work.other() or work.compared():
-            return work.begun
-        draw_burst(begun.given, [Drawn(one.solution, one.track) for one in begun.outcomes], settings, begun.around)
-        # a later one of these may have become the preferred solution
-        last = [replace(one, solution=catalogue.solution(one.solution.solution_id)) for one in begun.outcomes]
-        return BurstOutcome(burst_id, tuple(last))
+    with _at_work(begun.given.burst.burst_id, settings, run_id) as (catalogue, lease):
+        return _Work(begun, catalogue, settings, lease).next_step()
 
 
 @contextmanager
@@ -225,26 +225,34 @@ class _Work:
         self._try(edges[0], lambda edge: self._preliminary(edge, edges[1:]))
         return self.begun
 
-    def other(self) -> bool:
-        """Whether an edge was left, which is tried now; a preliminary track stands alone."""
+    def next_step(self) -> Begun | BurstOutcome:
+        """After one more edge, else one more comparison with other methods, else the figures, which come last."""
+        # a preliminary track stands alone
         edges = self._edges_left() if self.begun.outcomes[0].solution.answer.tier == FINAL else []
+        waiting = [one for one in self.begun.outcomes if one.track.get("companions_pending")]
         if edges:
             self._try(edges[0], self._final)
-        return bool(edges)
+        elif waiting:
+            self._compare(waiting[0])
+        else:
+            return self._drawn()
+        return self.begun
 
-    def compared(self) -> bool:
-        """Whether a solution lacked what other methods say of its track, which is added now."""
-        waiting = [one for one in self.begun.outcomes if one.track.get("companions_pending")]
-        if not waiting:
-            return False
-        solution, timing = waiting[0].solution, self._timing(waiting[0].solution.series.edge)
+    def _compare(self, outcome: Outcome) -> None:
+        solution, timing = outcome.solution, self._timing(outcome.solution.series.edge)
         fitted = self.begun.fitted.get(solution.solution_id) or self._fitted(timing, solution.series)
         beside = companions(fitted, timing, self.settings.seed, self.begun.around)
-        done = replace(waiting[0], track=self.catalogue.add_companions(solution.solution_id, beside, self.lease))
-        outcomes = tuple(done if one is waiting[0] else one for one in self.begun.outcomes)
+        done = replace(outcome, track=self.catalogue.add_companions(solution.solution_id, beside, self.lease))
+        outcomes = tuple(done if one is outcome else one for one in self.begun.outcomes)
         fits = {name: one for name, one in self.begun.fitted.items() if name != solution.solution_id}
         self.begun = replace(self.begun, outcomes=outcomes, fitted=fits)
-        return True
+
+    def _drawn(self) -> BurstOutcome:
+        begun = self.begun
+        draw_burst(begun.given, [Drawn(one.solution, one.track) for one in begun.outcomes], self.settings, begun.around)
+        # a later one of these may have become the preferred solution
+        last = [replace(one, solution=self.catalogue.solution(one.solution.solution_id)) for one in begun.outcomes]
+        return BurstOutcome(begun.given.burst.burst_id, tuple(last))
 
     def _edges_left(self) -> list[str]:
         # the edge that the rule prefers comes first: what is published after it leaves the choice as it is

@@ -23,7 +23,7 @@ from bella.exceptions import BellaError, StoreError
 from bella.pipeline.day import day_spectra
 from bella.pipeline.day_files import DayFiles
 from bella.pipeline.inputs import BurstInput, origin_of
-from bella.pipeline.page_figures import Answered, first_look, first_look_path, keep_first_look
+from bella.pipeline.page_figures import AnswerData, first_look, first_look_path, keep_first_look
 from bella.pipeline.progress import counter
 from bella.pipeline.surroundings import Surroundings, has_wind, wind_drawn
 from bella.plotting import (
@@ -126,7 +126,7 @@ def _keep_page(given: BurstInput, drawn: Drawn, settings: Settings) -> None:
     """Keep what the page of a burst shows of a solution at first."""
     solution, root = drawn.solution, settings.store_root
     burst = replace(given.burst, spectra_path=solution.spectra_path)
-    answer = Answered(solution, open_group(root, solution.store_path), drawn.track)
+    answer = AnswerData(solution, open_group(root, solution.store_path), drawn.track)
     tree = open_tree(root, solution.spectra_path) if solution.spectra_path else None
     keep_first_look(page_path(given, drawn, settings), first_look(burst, answer, tree))
 

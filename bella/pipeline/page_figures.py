@@ -39,7 +39,7 @@ DIGITS = 7
 
 
 @dataclass(frozen=True)
-class Answered:
+class AnswerData:
     """An answer about a burst, with its posterior and its track fit as the catalogue keeps it."""
 
     solution: Solution
@@ -69,7 +69,7 @@ class FirstLook(Record):
     posterior: PosteriorSummary
 
 
-def constellation(burst: Burst, answers: Sequence[Answered], look: MapView) -> str:
+def constellation(burst: Burst, answers: Sequence[AnswerData], look: MapView) -> str:
     """Map with the tracks of answers; where the first has no positions, with its sectors and the receivers."""
     tracks = [
         TrackView(edge_name(one.solution.series.edge), one.posterior, one.track) for one in answers if one.has_positions
@@ -82,29 +82,29 @@ def constellation(burst: Burst, answers: Sequence[Answered], look: MapView) -> s
     return constellation_figure(tracks, utc, look)
 
 
-def spectra(tree: xr.DataTree, answers: Sequence[Answered], look: SpectraView) -> str:
+def spectra(tree: xr.DataTree, answers: Sequence[AnswerData], look: SpectraView) -> str:
     """Spectra with the edges from which answers were made."""
     edges = {one.solution.series.edge: one.posterior for one in reversed(answers)}
     return spectra_figure(tree, edges, look)
 
 
-def evolution(answer: Answered) -> str | None:
+def evolution(answer: AnswerData) -> str | None:
     """Distance and beam speed against frequency; None where there are no positions."""
     return evolution_figure(answer.posterior, answer.track) if answer.has_positions else None
 
 
-def residuals(answer: Answered) -> str | None:
+def residuals(answer: AnswerData) -> str | None:
     """Residuals of the arrival times; None where they are not known."""
     is_known = answer.has_positions and "residual_s" in answer.posterior
     return residual_figure(answer.posterior) if is_known else None
 
 
-def channels_of(answer: Answered) -> list[float]:
+def channels_of(answer: AnswerData) -> list[float]:
     """Frequencies with a source, MHz, ascending."""
     return sorted(map(float, answer.posterior["frequency"].to_numpy())) if answer.has_positions else []
 
 
-def first_look(burst: Burst, answer: Answered, tree: xr.DataTree | None) -> FirstLook:
+def first_look(burst: Burst, answer: AnswerData, tree: xr.DataTree | None) -> FirstLook:
     """Draw what the page of a burst shows of an answer at first.
 
     Parameters

@@ -38,6 +38,11 @@ DAY = timedelta(days=1)
 MARK = ".simulated"
 """File that tells a simulated archive from a mirror of the real one."""
 
+SIDES = {"STEREO-A": "ahead", "STEREO-B": "behind"}
+MINUTE = np.timedelta64(60, "s")
+HEE_ANGLES = {f"wave_{angle}_hee_deg": f"WAVE_{angle}_HEE".upper() for angle in ("colatitude", "azimuth")}
+"""Names in the files by those in a dynamic spectrum."""
+
 
 def simulate_days(
     root: Path,
@@ -124,12 +129,6 @@ def _receivers(day: date, datasets: Sequence[str], known: set[str]) -> Iterator[
         if dataset.covers(day) and known & set(dataset.observatories):
             receivers = instruments(dataset.key, day)
             yield dataset.key, [one for one in receivers if one.receiver.observatory in known]
-
-
-SIDES = {"STEREO-A": "ahead", "STEREO-B": "behind"}
-MINUTE = np.timedelta64(60, "s")
-HEE_ANGLES = {f"wave_{angle}_hee_deg": f"WAVE_{angle}_HEE".upper() for angle in ("colatitude", "azimuth")}
-"""Names in the files by those in a dynamic spectrum."""
 
 
 def write_spectra(spectra: Sequence[xr.Dataset], dataset: str, day: date, root: Path) -> Path:

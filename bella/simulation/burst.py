@@ -35,14 +35,27 @@ Instants = npt.NDArray[np.datetime64]
 
 TRUE_EDGE = "half_rise"
 """Edge of simulated arrival times: where the true light curve has risen to half of its maximum."""
+
 LIGHT_TIME_STEPS = 2
 RANGES_RSUN, RANGE_NODES = (1.0, 400.0), 6000
 """Where a frequency is looked for, and at how many distances: a range is good to one part in a million."""
+
 TRAVEL_NODES = 400
 """Nodes of the travel integral in ln r: the time is good to 1 ms at 1 au."""
+
 EDGE_STEPS, EDGE_BEFORE, EDGE_AFTER = 1200, 2.0, 4.0
 """Where several pulses overlap, the light curve is looked at in so many steps, from 2 half widths of the rise before
 the first to 4 after the last."""
+
+SUN_KM3_S2 = 1.32712440018e11
+"""Gravity of the Sun, G M, km^3/s^2."""
+
+MANN_K, MANN_WEIGHT, MANN_PER_S = 1.0e6, 0.6, 6.3e34
+"""Temperature, mean molecular weight, and electrons that flow out per second and steradian."""
+
+USUAL_PULSE = PulseLaw()
+LEVELLING_RSUN = 35.0
+"""Over this distance a levelling beam comes down to the speed that it keeps."""
 
 
 def _mann(range_rsun: FloatArray) -> FloatArray:
@@ -66,11 +79,6 @@ def _wavy(range_rsun: FloatArray) -> FloatArray:
     return np.asarray(DENSITY_MODELS["saito"].density_cm3(range_rsun) * np.exp(wave))
 
 
-SUN_KM3_S2 = 1.32712440018e11
-"""Gravity of the Sun, G M, km^3/s^2."""
-MANN_K, MANN_WEIGHT, MANN_PER_S = 1.0e6, 0.6, 6.3e34
-"""Temperature, mean molecular weight, and electrons that flow out per second and steradian."""
-
 DENSITIES: dict[str, DensityModel] = {
     **{name: DENSITY_MODELS[name] for name in ("leblanc", "saito", "parker")},
     "mann_wind": DensityModel("mann_wind", "Mann et al. 1999, A&A 348, 614: Parker's isothermal wind at 1 MK", _mann),
@@ -82,8 +90,6 @@ DENSITIES: dict[str, DensityModel] = {
     "wavy": DensityModel("wavy", "Saito's model with a wave of 22 % in ln r, as streams leave it; no power law", _wavy),
 }
 """Density models that bursts are drawn from, by name."""
-
-USUAL_PULSE = PulseLaw()
 
 SpeedLaw = Callable[[FloatArray, float], FloatArray]
 
@@ -99,9 +105,6 @@ def _power(range_rsun: FloatArray, slowing: float) -> FloatArray:
 def _levelling(range_rsun: FloatArray, slowing: float) -> FloatArray:
     return np.asarray((1.0 + slowing * np.exp(-range_rsun / LEVELLING_RSUN)) / (1.0 + slowing))
 
-
-LEVELLING_RSUN = 35.0
-"""Over this distance a levelling beam comes down to the speed that it keeps."""
 
 SPEED_LAWS: dict[str, SpeedLaw] = {"constant": _constant, "power": _power, "levelling": _levelling}
 """Speed of a beam over its speed at the Sun, for a distance in solar radii and a measure of its slowing.

@@ -16,6 +16,7 @@ from bella.units import AU_RSUN, FloatArray
 
 ENCOUNTER_RSUN = 0.25 * AU_RSUN
 """Nearer to the Sun than this PSP samples fast."""
+
 PSP_CADENCES_S = 55.92, 6.99
 """Far from the Sun, and near it (Pulupa et al. 2017, JGR Space Physics 122, 2836, doi:10.1002/2016JA023345). The low
 and the high band are sampled in turn, each for half of the time."""
@@ -28,6 +29,23 @@ K0_CADENCE_S = 180.0
 
 L2_LEAD_S = 71.0
 """How long before midnight a Wind level-2 file begins, as that of 2020-07-12 does."""
+
+WRITABLE = (
+    "WI_H1_WAV",
+    "WI_L2_WAV_RAD1",
+    "WI_L2_WAV_RAD2",
+    "STEREO_LEVEL2_SWAVES",
+    "STA_L3_WAV_LFR",
+    "STA_L3_WAV_HFR",
+    "STB_L3_WAV_LFR",
+    "STB_L3_WAV_HFR",
+    "PSP_FLD_L2_RFS_LFR",
+    "PSP_FLD_L2_RFS_HFR",
+    "SOLO_L3_RPW-HFR-SURV-FLUX",
+    "SOLO_L3_RPW-TNR-SURV-FLUX",
+    "WI_K0_WAV",
+)
+"""Keys of the data sets whose files can be written."""
 
 
 @dataclass(frozen=True)
@@ -202,21 +220,3 @@ def _solo(dataset: str) -> Instrument:
     offsets = np.linspace(-0.45, 0.45, channels.size) * cadence_s
     receiver = Receiver("SOLO", "HFR" if is_high else "TNR", channels, cadence_s, 0.1, offsets)
     return _whole(dataset, receiver, "flux_w_m2_hz", _quiet_w_m2_hz(channels))
-
-
-WRITABLE = (
-    "WI_H1_WAV",
-    "WI_L2_WAV_RAD1",
-    "WI_L2_WAV_RAD2",
-    "STEREO_LEVEL2_SWAVES",
-    "STA_L3_WAV_LFR",
-    "STA_L3_WAV_HFR",
-    "STB_L3_WAV_LFR",
-    "STB_L3_WAV_HFR",
-    "PSP_FLD_L2_RFS_LFR",
-    "PSP_FLD_L2_RFS_HFR",
-    "SOLO_L3_RPW-HFR-SURV-FLUX",
-    "SOLO_L3_RPW-TNR-SURV-FLUX",
-    "WI_K0_WAV",
-)
-"""Keys of the data sets whose files can be written."""

@@ -25,11 +25,32 @@ Shape = Callable[[FloatArray, FloatArray], FloatArray]
 
 SHAPES = 160
 """Values of the shape parameter at which the landmarks of a family are tabulated."""
+
 BISECTIONS = 70
 GRID_SCALE, GRID_STEP, GRID_FIRST, GRID_LAST = 2.0, 0.02, -2.7, 5.3
 """Times, in half widths of the rise, at which a curve is tabulated: 2 sinh(s) from s = -2.7 (-15) to 5.3 (200)."""
+
 FAINT = 1e-4
 """A curve is over where it has fallen to this share of its maximum."""
+
+REFERENCE_MHZ = 0.5
+RISE_S, RISE_SLOPE, RISE_BEND_SD = (30.0, 115.0), (-1.25, -0.75), 0.04
+"""Range of the half width of the rise at 0.5 MHz and of its slope, and scatter of its bend.
+
+The bursts of 2012-06-07 and 2020-07-21 rise in 186, 90, 37, 11 s and 170, 71, 30, 11 s at 0.2, 0.5, 1 and 2 MHz. The
+laws extrapolated from higher frequencies are 2.4 to 2.6 times faster at 0.2 MHz: the range holds both.
+"""
+
+DECAY_S, DECAY_SLOPE = (105.0, 225.0), (-1.08, -0.92)
+"""Range of the decay time at 0.5 MHz and of its slope.
+
+193 s and -0.95 as of Alvarez & Haddock 1973, Sol. Phys. 30, 175, doi:10.1007/BF00156186; shorter times and slopes of
+-0.97 and -1.00 +- 0.01 were measured since (Kontar et al. 2019, ApJ 884, 122, doi:10.3847/1538-4357/ab40bb; Vecchio et
+al. 2024, ApJL 974, L18). Bursts scatter about the laws.
+"""
+
+GRID: FloatArray = GRID_SCALE * np.sinh(np.arange(GRID_FIRST, GRID_LAST, GRID_STEP))
+_MIDDLE: FloatArray = 0.5 * (GRID[1:] + GRID[:-1])
 
 
 @dataclass(frozen=True)
@@ -186,22 +207,6 @@ class PulseLaw:
         return pulses(self.family, self.rises_s(frequency_mhz), self.decays_s(frequency_mhz))
 
 
-REFERENCE_MHZ = 0.5
-RISE_S, RISE_SLOPE, RISE_BEND_SD = (30.0, 115.0), (-1.25, -0.75), 0.04
-"""Range of the half width of the rise at 0.5 MHz and of its slope, and scatter of its bend.
-
-The bursts of 2012-06-07 and 2020-07-21 rise in 186, 90, 37, 11 s and 170, 71, 30, 11 s at 0.2, 0.5, 1 and 2 MHz. The
-laws extrapolated from higher frequencies are 2.4 to 2.6 times faster at 0.2 MHz: the range holds both.
-"""
-DECAY_S, DECAY_SLOPE = (105.0, 225.0), (-1.08, -0.92)
-"""Range of the decay time at 0.5 MHz and of its slope.
-
-193 s and -0.95 as of Alvarez & Haddock 1973, Sol. Phys. 30, 175, doi:10.1007/BF00156186; shorter times and slopes of
--0.97 and -1.00 +- 0.01 were measured since (Kontar et al. 2019, ApJ 884, 122, doi:10.3847/1538-4357/ab40bb; Vecchio et
-al. 2024, ApJL 974, L18). Bursts scatter about the laws.
-"""
-
-
 def draw_pulse_law(rng: np.random.Generator, family: str | None = None) -> PulseLaw:
     """Draw the light curves of a burst.
 
@@ -293,10 +298,6 @@ class Pulses:
         return np.asarray(
             rest**2 * ((1.0 + 2.0 * s) * low + s * slope_low) + s**2 * ((3.0 - 2.0 * s) * high - rest * slope_high)
         )
-
-
-GRID: FloatArray = GRID_SCALE * np.sinh(np.arange(GRID_FIRST, GRID_LAST, GRID_STEP))
-_MIDDLE: FloatArray = 0.5 * (GRID[1:] + GRID[:-1])
 
 
 def _cells(u: FloatArray) -> tuple[IntArray, FloatArray, FloatArray]:

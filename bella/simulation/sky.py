@@ -29,8 +29,23 @@ GROUP_PROBABILITY = 0.25
 CLIPPED, MODE_CHANGE = 0.05, 0.1
 """Share of spacecraft-days on which bright peaks are clipped, and on which a receiver with modes changes into the fast
 one."""
+
 KILOMETRIC_FROM = ("WIND",)
 """Spacecraft near enough to Earth to be flooded by its kilometric radiation."""
+
+FAST_WIND, SLOW_KM_S, FAST_KM_S, WIND_LIMITS_KM_S = 0.35, (350.0, 40.0), (520.0, 70.0), (260.0, 750.0)
+"""Share of bursts in fast wind, mean and scatter of slow and fast wind, and limits, km/s: wind at 1 au has two states
+(Schwenn 1990, in Physics of the Inner Heliosphere I, doi:10.1007/978-3-642-75361-9_4)."""
+
+BEAM_C = (0.06, 0.14, 0.36)
+"""Least, most probable and largest speed of a beam, in units of c (Reid & Ratcliffe 2014, Res. Astron. Astrophys. 14,
+773, doi:10.1088/1674-4527/14/7/003: 0.1 to 0.5 near the Sun, less farther out)."""
+
+DENSITY_FACTOR = (0.7, 3.5)
+DIRECTIVITY = (0.7, 2.5)
+KAPPA = (0.1, 0.3)
+"""Delay of a receiver at a right angle in half widths of the rise: what the delays in simulations of scattering come
+to (Kontar et al. 2019, ApJ 884, 122, doi:10.3847/1538-4357/ab40bb; Chen et al. 2023, MNRAS 520, 3117)."""
 
 
 @dataclass(frozen=True)
@@ -217,18 +232,6 @@ DEPARTURES: dict[str, tuple[float, Departure]] = {
     "mixed": (0.1, mixed),
 }
 """Strata of bursts by name, with their share of the bursts of simulated days; the rest is clean."""
-
-FAST_WIND, SLOW_KM_S, FAST_KM_S, WIND_LIMITS_KM_S = 0.35, (350.0, 40.0), (520.0, 70.0), (260.0, 750.0)
-"""Share of bursts in fast wind, mean and scatter of slow and fast wind, and limits, km/s: wind at 1 au has two states
-(Schwenn 1990, in Physics of the Inner Heliosphere I, doi:10.1007/978-3-642-75361-9_4)."""
-BEAM_C = (0.06, 0.14, 0.36)
-"""Least, most probable and largest speed of a beam, in units of c (Reid & Ratcliffe 2014, Res. Astron. Astrophys. 14,
-773, doi:10.1088/1674-4527/14/7/003: 0.1 to 0.5 near the Sun, less farther out)."""
-DENSITY_FACTOR = (0.7, 3.5)
-DIRECTIVITY = (0.7, 2.5)
-KAPPA = (0.1, 0.3)
-"""Delay of a receiver at a right angle in half widths of the rise: what the delays in simulations of scattering come
-to (Kontar et al. 2019, ApJ 884, 122, doi:10.3847/1538-4357/ab40bb; Chen et al. 2023, MNRAS 520, 3117)."""
 
 
 def _of_a_stratum(burst: SimulatedBurst, names: Sequence[str], rng: np.random.Generator) -> SimulatedBurst:

@@ -37,7 +37,22 @@ CHOOSING_SEEDS = 10_000
 FIRST_JUDGING_SEED = 1_000_000
 BEFORE_S, AFTER_S = 6600.0, 12_000.0
 """So much of a spectrum lies before and after the release: the background needs hours."""
+
 DAY = timedelta(days=1)
+ENCOUNTERS = tuple(
+    (day - 4 * DAY, day + 4 * DAY)
+    for day in (
+        date(2021, 1, 17),
+        date(2021, 4, 29),
+        date(2021, 8, 9),
+        date(2021, 11, 21),
+        date(2022, 2, 25),
+        date(2022, 6, 1),
+        date(2022, 9, 6),
+        date(2022, 12, 11),
+    )
+)
+"""Days about the perihelia of PSP, when it samples every 7 s."""
 
 
 @dataclass(frozen=True)
@@ -95,20 +110,6 @@ STEREO_A: Datasets = {"STEREO-A": ("STA_L3_WAV_LFR", "STA_L3_WAV_HFR")}
 STEREO_B: Datasets = {"STEREO-B": ("STB_L3_WAV_LFR", "STB_L3_WAV_HFR")}
 PSP: Datasets = {"PSP": ("PSP_FLD_L2_RFS_LFR", "PSP_FLD_L2_RFS_HFR")}
 SOLO: Datasets = {"SOLO": ("SOLO_L3_RPW-TNR-SURV-FLUX", "SOLO_L3_RPW-HFR-SURV-FLUX")}
-ENCOUNTERS = tuple(
-    (day - 4 * DAY, day + 4 * DAY)
-    for day in (
-        date(2021, 1, 17),
-        date(2021, 4, 29),
-        date(2021, 8, 9),
-        date(2021, 11, 21),
-        date(2022, 2, 25),
-        date(2022, 6, 1),
-        date(2022, 9, 6),
-        date(2022, 12, 11),
-    )
-)
-"""Days about the perihelia of PSP, when it samples every 7 s."""
 
 FLEETS = {
     "2012": Fleet(WIND | STEREO_A | STEREO_B, ((date(2012, 1, 2), date(2012, 12, 30)),)),

@@ -25,6 +25,9 @@ LONGEST_GAP, LONGEST_PIECE = np.timedelta64(1, "D"), np.timedelta64(28, "D")
 LEFT_OUT = {("WIND", "TNR")}
 """Receivers that look at the plasma around the spacecraft, below the band of bursts far from it."""
 
+LEAST_REAL = (Origin.SIMULATED, Origin.TEST, Origin.USER, Origin.SUBMISSION, Origin.EVENT, Origin.ARCHIVE)
+"""What is made of several counts as the first of these that any of them is."""
+
 
 def combine_receivers(first: xr.Dataset, second: xr.Dataset) -> xr.Dataset:
     """Spectra of two receivers of one spacecraft as one, without inventing a sample.
@@ -373,10 +376,6 @@ def _interpolated(spectra: Sequence[xr.Dataset]) -> dict[str, xr.DataArray]:
     frequency = np.unique(np.concatenate([flag["frequency"].to_numpy() for flag in flags]))
     measured = [~flag.reindex(frequency=frequency, fill_value=True).astype(bool) for flag in flags]
     return {"interpolated": ~xr.concat(measured, "file", join="exact").any("file")}
-
-
-LEAST_REAL = (Origin.SIMULATED, Origin.TEST, Origin.USER, Origin.SUBMISSION, Origin.EVENT, Origin.ARCHIVE)
-"""What is made of several counts as the first of these that any of them is."""
 
 
 def _gathered(parts: list[xr.Dataset]) -> dict[str, str]:

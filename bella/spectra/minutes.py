@@ -62,6 +62,22 @@ COARSE_CHANNELS = 3
 ROWS = 64
 """So many minutes are looked at in one go, to keep memory small."""
 
+SWEEP_S = 16.192
+"""Duration of a sweep, s; the same in the files of 2010-01-17 and 2020-07-21 to 0.5 ms."""
+
+SWEEP_LOWEST_MHZ, SWEEP_STEP_MHZ, SWEEP_CHANNELS = 1.075, 0.05, 256
+FEWEST_MINUTES = 360
+GROUP = 16
+"""So many neighbouring channels are looked at together: they are swept within a second."""
+
+LARGEST_SCATTER = 4.0
+"""Departures are cut at so many times their median, as single samples are disturbed."""
+
+SWEEPS_RECOGNISED = 0.05
+"""Correlation of scatter and number of snapshots. With 23000 values of no order it stays below 0.03."""
+
+COARSE_SWEEP_S, FINE_SWEEP_S = 0.5, 0.1
+
 
 class Visits(NamedTuple):
     """Which samples of a day were measured."""
@@ -254,23 +270,6 @@ def _is_visited(frequency_khz: int, start_s: float, minutes: int) -> BoolArray:
     visited = np.zeros(minutes, dtype=bool)
     visited[ends[(ends >= 0) & (ends < minutes)]] = True
     return visited
-
-
-SWEEP_S = 16.192
-"""Duration of a sweep, s; the same in the files of 2010-01-17 and 2020-07-21 to 0.5 ms."""
-
-SWEEP_LOWEST_MHZ, SWEEP_STEP_MHZ, SWEEP_CHANNELS = 1.075, 0.05, 256
-FEWEST_MINUTES = 360
-GROUP = 16
-"""So many neighbouring channels are looked at together: they are swept within a second."""
-
-LARGEST_SCATTER = 4.0
-"""Departures are cut at so many times their median, as single samples are disturbed."""
-
-SWEEPS_RECOGNISED = 0.05
-"""Correlation of scatter and number of snapshots. With 23000 values of no order it stays below 0.03."""
-
-COARSE_SWEEP_S, FINE_SWEEP_S = 0.5, 0.1
 
 
 def snapshots(channel: int, start_s: float, minutes: int) -> tuple[npt.NDArray[np.intp], FloatArray]:

@@ -241,22 +241,26 @@ def _natural(
     emission_s = mean_s + rng.standard_normal(mean_s.shape) @ root.T + track.beam_s(drawn.z, range_rsun)
     path_rsun = spiral_path_rsun(range_rsun, wind_km_s.mean(axis=1)[:, None], track.model.rotation_period_d)
     with np.errstate(divide="ignore", invalid="ignore"):  # draws without order are weighted down below
-        beam_c = (path_rsun[:, 0] - path_rsun[:, -1]) / (emission_s[:, 0] - emission_s[:, -1]) / C_RSUN_S
-        local_c = np.gradient(path_rsun, axis=1) / np.gradient(emission_s, axis=1) / C_RSUN_S
+        beam_c = _finite((path_rsun[:, 0] - path_rsun[:, -1]) / (emission_s[:, 0] - emission_s[:, -1]) / C_RSUN_S)
+        local_c = _finite(np.gradient(path_rsun, axis=1) / np.gradient(emission_s, axis=1) / C_RSUN_S)
         release_s = emission_s[:, -1] - path_rsun[:, -1] / (beam_c * C_RSUN_S)
     orderly = (np.diff(range_rsun, axis=1) < 0).all(axis=1) & (np.diff(emission_s, axis=1) < 0).all(axis=1)
     middle = np.degrees(np.angle(drawn.weight @ np.exp(1j * drawn.phi0_rad)))
     values = {
         "phi0_deg": middle + within_half_turn_deg(np.degrees(drawn.phi0_rad) - middle),
         **{_wind_name(part): wind_km_s[:, part] for part in range(track.winds)},
-        "beam_speed_c": np.nan_to_num(beam_c),
-        "release_s": np.nan_to_num(release_s),
+        "beam_speed_c": beam_c,
+        "release_s": _finite(release_s),
         "kappa": track.kappa(drawn.z),
         "range_rsun": range_rsun,
         "longitude_deg": np.degrees(track.longitude_rad(drawn.phi0_rad, drawn.z, range_rsun)),
-        "local_speed_c": np.nan_to_num(local_c),
+        "local_speed_c": local_c,
     }
     return values, orderly.astype(np.float64)
+
+
+def _finite(value: FloatArray) -> FloatArray:
+    return np.nan_to_num(value, posinf=0.0, neginf=0.0)
 
 
 def _wind_name(part: int) -> str:

@@ -12,7 +12,7 @@ from api.app import create_app
 from bella.catalogue import Catalogue
 from bella.pipeline import page_figures
 from bella.pipeline.page_figures import (
-    Answered,
+    AnswerData,
     FirstLook,
     PosteriorSummary,
     first_look,
@@ -58,7 +58,7 @@ def draw(settings: Settings) -> Path:
         assert found.preferred is not None
         assert found.burst.spectra_path is not None
         group = open_group(settings.store_root, found.preferred.store_path)
-        answer = Answered(found.preferred, group, catalogue.track_fit(found.preferred.solution_id))
+        answer = AnswerData(found.preferred, group, catalogue.track_fit(found.preferred.solution_id))
     path = first_look_path(found.burst, found.preferred, settings)
     keep_first_look(path, first_look(found.burst, answer, open_tree(settings.store_root, found.burst.spectra_path)))
     return path

@@ -105,6 +105,9 @@ def test_a_run_that_was_killed_between_the_steps_is_made_up_for_by_the_next(
         assert again[edge][0].store_sha256 == solution.store_sha256
         assert again[edge][0].solution_id == solution.solution_id
     assert all(not one.new for one in process_burst(given, Choice(), settings, "third").outcomes)
+    with closing(Catalogue.open(settings.catalogue_url)) as catalogue:
+        attempts = {one.subject: one.attempts for one in catalogue.stage_runs()}
+    assert attempts == {given.burst.burst_id: 3}, "no other run can come in between the steps of one"
 
 
 def test_what_another_run_works_on_is_left_to_it(given: BurstInput, whole: Any) -> None:
