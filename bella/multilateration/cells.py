@@ -15,7 +15,7 @@ import numpy as np
 import numpy.typing as npt
 
 from bella.exceptions import ConvergenceError
-from bella.multilateration.axes import Axes, axes_of
+from bella.multilateration.axes import APEX_RSUN, Axes, axes_of
 from bella.multilateration.likelihood import (
     NEAR_RSUN,
     NEAREST_RSUN,
@@ -36,12 +36,16 @@ FIRST_CELLS = 12
 """Cells per axis at the start."""
 DROP_NATS = 13.0
 """A cell is dropped when its bound is this far below the best density."""
-BELOW_NATS, BELOW_NATS_OF_MIXTURE = 14.5, 17.0
+BELOW_NATS, BELOW_NATS_OF_MIXTURE = 15.5, 17.0
 """A final cell is dropped when its density is this far below; noise with bad arrival times has longer tails. Standard
 deviations then hold to 5e-4 against brute force."""
-FINE_NATS = 8.0
-"""Cells whose bound is within this of the best density decide when to stop; near the Sun or a receiver, where the bound
-says little, those whose centre is."""
+COARSE_SHARE = 1e-3
+"""Cells may be larger than the tolerance where they hold no more than this of the posterior together."""
+STEPS = np.concatenate([np.geomspace(1.0, 4.0, 30), 2.0 ** np.arange(3, 24)])
+"""In how many parts cells are seen to need division."""
+FAN_LEVEL, MANY_CELLS, FEWER = 2, 2_000, 0.4
+"""From this division on, problems that take so many cells or more are looked at for fans, and divided in the best one
+if it takes fewer by this factor. Earlier, or for less, bent axes that would do as well are given up."""
 TOLERANCE = 1.2
 """Longest edge of a final cell, in local standard deviations. Moments hold to 1e-4 with edges half as long again; it is
 the draws, spread evenly within a cell, that want smaller ones."""
@@ -75,7 +79,7 @@ class Lattice:
     side : ndarray, shape (D, B)
         Edge lengths of the cells of each problem, solar radii.
     origin : ndarray, shape (D, B)
-        Lower corner of each lattice along the axes, solar radii.
+        Where the indices of each lattice begin along the axes, solar radii.
     axes : Axes
         Of each problem.
     """
@@ -99,6 +103,10 @@ class Lattice:
         """The same along the axes of each lattice."""
         return np.asarray(self.origin.take(owner, axis=1) + index * self.side.take(owner, axis=1))
 
+    def log_area(self, index: npt.NDArray[np.floating], owner: IntArray) -> FloatArray:
+        """Logarithm of the area per unit of coordinates there, shape S; 0 but in fans."""
+        return np.zeros(1) if self.axes.fan is None else self.axes.log_area(self.along(index, owner), owner)
+
 
 @dataclass(frozen=True)
 class Cells(Lattice):
@@ -120,12 +128,17 @@ class Cells(Lattice):
         """Log p(x, k | y) at the centres under the prior of the model, up to a constant of the problem, (K, M)."""
         return self.local.log_density + self.speed.log_factor
 
+    @property
+    def log_mass(self) -> FloatArray:
+        """Logarithm of what the cells hold, up to a constant of the problem, (K, M)."""
+        return self.log_density + self.log_area(self.index + 0.5, self.owner)
+
 
 def divide(problems: Problems, *, tolerance: float = TOLERANCE, drop_nats: float = DROP_NATS) -> Cells:
     """Divide space until every problem's cells resolve its posterior.
 
     Cells are halved while they are far too large, and then divided in as many parts as it takes, so that the final ones
-    are hardly smaller than they must be.
+    are hardly smaller than they must be. Problems that take far fewer cells in a fan are divided anew in one.
 
     Parameters
     ----------
@@ -140,48 +153,151 @@ def divide(problems: Problems, *, tolerance: float = TOLERANCE, drop_nats: float
         If one problem needs more than `MAX_CELLS`, or several together more than `MAX_CELLS_TOGETHER`, or the arrival
         times are more precise than floating-point numbers resolve.
     """
-    lattice = _first_lattice(problems)
+    fans = _Fans(problems) if problems.dimensions == 2 else None
+    done, last = _resolved(problems, _first_lattice(problems, axes_of(problems)), tolerance, drop_nats, fans)
+    if fans is not None and fans.chosen.any():
+        which = np.flatnonzero(fans.chosen)
+        axes, low, high = fans.boxes(which)
+        again, fanned = _resolved(problems.at(which), _covering(axes, low, high), tolerance, drop_nats)
+        side, origin = last.side.copy(), last.origin.copy()
+        side[:, which], origin[:, which] = fanned.side, fanned.origin
+        last = replace(last, side=side, origin=origin, axes=last.axes.with_fans(which, axes))
+        done += [(replace(part, owner=which[part.owner]), value) for part, value in again]
+    return _gathered(done, last, drop_nats, problems)
+
+
+class _Fans:
+    """Problems that are to be divided in fans: apices, places that these open towards, and cells that they cover."""
+
+    def __init__(self, problems: Problems) -> None:
+        self.problems = problems
+        self.chosen = np.zeros(problems.count, dtype=bool)
+        self.apex, self.towards = np.zeros((2, 2, problems.count))
+        self.covered: list[tuple[FloatArray, FloatArray, IntArray]] = []
+
+    def choose(self, seen: "_Seen", owner: IntArray, kept: BoolArray, need: FloatArray) -> BoolArray:
+        """Problems that take far fewer cells in the best of some fans, shape (B,)."""
+        count = self.problems.count
+        number = np.bincount(owner[kept], minlength=count)
+        many = np.asarray(number * need.prod(axis=0) > MANY_CELLS)
+        some = kept & many[owner]
+        owner = owner[some]
+        if not owner.size:
+            return np.zeros(count, dtype=bool)
+        points, sharp = seen.points[:, some], seen.sharp[:, some]
+        fewest, apex = np.full(count, np.inf), np.zeros((2, count))
+        for place in (np.zeros((2, count)), *self.problems.receivers[:2].swapaxes(0, 1)):
+            growth2 = 1 + ((points - place[:, owner]) ** 2).sum(axis=0) / APEX_RSUN**2
+            wanted = summed(1 / growth2, owner, count)
+            for axis in sharp:
+                wanted[many] *= np.sqrt(_highest(axis**2 * growth2, owner, count)[many])
+            better = many & (wanted < fewest)
+            apex[:, better], fewest[better] = place[:, better], wanted[better]
+        usual = number[many] * np.prod([_highest(axis, owner, count)[many] for axis in sharp], axis=0)
+        chosen = np.zeros(count, dtype=bool)
+        chosen[many] = fewest[many] < FEWER * usual
+        number = np.maximum(number, 1)
+        towards = np.stack([summed(axis, owner, count) for axis in points]) / number
+        self.apex[:, chosen], self.towards[:, chosen] = apex[:, chosen], towards[:, chosen]
+        self.chosen |= chosen
+        left = chosen[owner]
+        self.covered.append((points[:, left], seen.reach[some][left], owner[left]))
+        return chosen
+
+    def boxes(self, which: IntArray) -> tuple[Axes, FloatArray, FloatArray]:
+        """Axes of the fans of some problems, and the lowest and highest coordinates of their cells, shape (2, B)."""
+        axes = Axes.fanned(self.apex[:, which], self.towards[:, which])
+        low, high = np.full((2, 2, which.size), np.inf)
+        for points, reach, owner in self.covered:
+            row = np.searchsorted(which, owner)
+            least, most = axes.within(points, reach, row)
+            low = np.minimum(low, [-_highest(-axis, row, which.size) for axis in least])
+            high = np.minimum(high, [-_highest(axis, row, which.size) for axis in most])
+        return axes, low, -high
+
+
+def _resolved(
+    problems: Problems, lattice: Lattice, tolerance: float, drop_nats: float, fans: _Fans | None = None
+) -> tuple[list[tuple[Lattice, FloatArray]], Lattice]:
+    """Final cells of each problem with their log density, and a lattice with the sides of all.
+
+    Parameters
+    ----------
+    lattice : Lattice
+        To begin with.
+    fans : _Fans, optional
+        Asked which problems take far fewer cells in a fan; these are left out.
+    """
     best = np.full(problems.count, -np.inf)
     done: list[tuple[Lattice, FloatArray]] = []
+    level = 0
     while lattice.owner.size:
-        value, bound, sharp, near = _level(lattice, problems)
-        best = np.maximum(best, _highest(value, lattice.owner, problems.count))
-        deficit = best[lattice.owner] - bound
-        high = deficit < FINE_NATS
-        high &= ~near | (best[lattice.owner] - value < FINE_NATS)
-        parts = _parts(lattice, sharp, high, tolerance)
+        seen = _level(lattice, problems)
+        best = np.maximum(best, _highest(seen.value, lattice.owner, problems.count))
+        top = best[lattice.owner]
+        kept = top - seen.bound < drop_nats
+        need = _need(lattice, seen, top, tolerance)
+        if fans is not None and level >= FAN_LEVEL:
+            kept &= ~fans.choose(seen, lattice.owner, kept, need)[lattice.owner]
+        parts = _parts(lattice, need)
         final = (parts == 1).all(axis=0)[lattice.owner]
-        done.append(_pick(lattice, value, final & (deficit < drop_nats)))
-        lattice = _divided(lattice, (deficit < drop_nats) & ~final, parts)
+        done.append(_pick(lattice, seen.value, final & kept))
+        lattice = _divided(lattice, kept & ~final, parts)
         _check_budget(lattice, problems.components)
-    return _gathered(done, drop_nats, problems)
+        level += 1
+    return done, lattice
 
 
-def _level(lattice: Lattice, problems: Problems) -> tuple[FloatArray, FloatArray, FloatArray, BoolArray]:
-    """Log density of all components together at the centres, its bound in each cell, the sharpness, each (M,).
+@dataclass(frozen=True)
+class _Seen:
+    """What is seen of cells.
 
-    And which cells are small, and near the Sun or a receiver.
+    Attributes
+    ----------
+    points : ndarray, shape (D, M)
+        Their centres, solar radii.
+    value, bound : ndarray, shape (M,)
+        Log density of all components together at the centres, and its bound in each cell.
+    sharp : ndarray, shape (D, M)
+        Root of the information at the centres, per coordinate.
+    near : ndarray of bool, shape (M,)
+        Which are small, and near the Sun or a receiver: the bound says little of them.
+    reach : ndarray, shape (M,)
+        Farthest that a point of a cell is from its centre, solar radii.
     """
+
+    points: FloatArray
+    value: FloatArray
+    bound: FloatArray
+    sharp: FloatArray
+    near: BoolArray
+    reach: FloatArray
+
+
+def _level(lattice: Lattice, problems: Problems) -> _Seen:
     along = lattice.along(lattice.index + 0.5, lattice.owner)
-    value, sharp = np.empty(lattice.owner.size), np.empty_like(along)
-    bound, near = np.empty_like(value), np.empty(value.shape, dtype=bool)
+    points, sharp = np.empty_like(along), np.empty_like(along)
+    value, bound, reach = np.empty((3, lattice.owner.size))
+    near = np.empty(value.shape, dtype=bool)
     axes, sides = lattice.axes, 0.5 * lattice.side
     sides[0] += axes.bulge(sides[1])
     for some, owner in blocks(lattice.owner):
-        here, half_sides = problems.at(owner), sides[:, owner]
-        points = axes.place(along[:, some], owner)
-        lean = None if axes.curve is None else axes.bend(along[1, some], owner)[1]
-        seen = survey(here, points, axes.turn[:, owner], lean)
-        # farthest that a point of a cell is from its centre
+        here, half_sides = problems.at(owner), axes.spread(along[:, some], sides[:, owner], owner)
+        points[:, some] = axes.place(along[:, some], owner)
+        lean = axes.lean(along[:, some], owner)
+        seen = survey(here, points[:, some], axes.turn[:, owner], lean)
         widest = half_sides[0] if lean is None else half_sides[0] + np.abs(lean) * half_sides[1]
-        reach = np.sqrt(widest**2 + (half_sides[1:] ** 2).sum(axis=0))
-        radius, nearest = _length(points), seen.distance.min(axis=0)
+        reach[some] = np.sqrt(widest**2 + (half_sides[1:] ** 2).sum(axis=0))
+        radius, nearest = _length(points[:, some]), seen.distance.min(axis=0)
         # only a largest speed can change the density much against the bound
-        value[some] = _whole_density(here, points) if here.priors.is_truncated else mixed(seen.log_density)
-        near[some] = (np.minimum(radius, nearest) < NEAR_RSUN + reach) & (reach < NEAR_RSUN)
-        bound[some] = _upper_bound(here, seen, half_sides, reach, radius, nearest)
+        truncated = here.priors.is_truncated
+        value[some] = _whole_density(here, points[:, some]) if truncated else mixed(seen.log_density)
+        near[some] = (np.minimum(radius, nearest) < NEAR_RSUN + reach[some]) & (reach[some] < NEAR_RSUN)
+        bound[some] = _upper_bound(here, seen, half_sides, reach[some], radius, nearest)
         sharp[:, some] = np.sqrt(seen.sharpness**2 + here.priors.tau_rsun**-2.0)
-    return value, bound, sharp, near
+    if axes.fan is not None:
+        sharp *= np.exp(0.5 * axes.log_area(along, lattice.owner))
+    return _Seen(points, value, bound, sharp, near, reach)
 
 
 def _length(vectors: FloatArray) -> FloatArray:
@@ -203,19 +319,21 @@ def _highest(values: FloatArray, owner: IntArray, count: int) -> FloatArray:
     return highest
 
 
-def _first_lattice(problems: Problems) -> Lattice:
+def _first_lattice(problems: Problems, axes: Axes) -> Lattice:
     """Equal cells that cover the prior of every problem."""
-    reach = problems.priors.tau_rsun * (2 * BOX_NATS) ** (1 / problems.priors.power)
-    axes = axes_of(problems)
-    low, high = axes.limits(reach, problems.dimensions)
-    index = np.indices((FIRST_CELLS,) * problems.dimensions).reshape(problems.dimensions, -1)
-    return Lattice(
-        np.tile(index, problems.count),
-        np.repeat(np.arange(problems.count), index.shape[1]),
-        (high - low) / FIRST_CELLS,
-        low,
-        axes,
-    )
+    reach_rsun = float(problems.priors.tau_rsun * (2 * BOX_NATS) ** (1 / problems.priors.power))
+    return _covering(axes, *axes.limits(reach_rsun, problems.dimensions))
+
+
+def _covering(axes: Axes, low: FloatArray, high: FloatArray) -> Lattice:
+    """Equal cells that cover boxes along the axes, from their lowest to their highest coordinates, shape (D, B).
+
+    Indices are counted from the middle: of a symmetric problem all cells are, however they are divided.
+    """
+    dimensions, count = low.shape
+    index = np.indices((FIRST_CELLS,) * dimensions).reshape(dimensions, -1) - FIRST_CELLS // 2
+    owner = np.repeat(np.arange(count), index.shape[1])
+    return Lattice(np.tile(index, count), owner, (high - low) / FIRST_CELLS, 0.5 * (low + high), axes)
 
 
 def _upper_bound(  # noqa: PLR0913, PLR0917
@@ -253,30 +371,47 @@ def _upper_bound(  # noqa: PLR0913, PLR0917
     return bound + priors.log_position(np.maximum(radius - reach, 0.0) ** 2) + LOG_SLACK - priors.log_share_allowed
 
 
-def _parts(lattice: Lattice, sharp: FloatArray, high: BoolArray, tolerance: float) -> IntArray:
-    """In how many parts along each axis the cells of each problem are to be divided, shape (D, B); 1: final."""
+def _need(lattice: Lattice, seen: _Seen, top: FloatArray, tolerance: float) -> FloatArray:
+    """In how many parts along each axis the cells of each problem have yet to be divided, one of `STEPS`, shape (D, B).
+
+    Parameters
+    ----------
+    top : ndarray, shape (M,)
+        Highest log density of the problem of each cell.
+    """
     count, owner = lattice.side.shape[1], lattice.owner
-    sharpest = np.stack([_highest(axis[high], owner[high], count) for axis in sharp])
-    exact = np.ceil(np.where(np.isfinite(sharpest), sharpest, np.inf) * lattice.side / tolerance / OVERSIZE)
-    parts = np.where(exact <= MOST_PARTS, exact, 2)
-    parts = np.where(WAITS * exact < exact.max(axis=0), 1, parts)
-    return np.where(np.bincount(owner, minlength=count) > 0, parts, 1).astype(np.intp)
+    weight = np.exp(np.minimum(np.where(seen.near, seen.value, seen.bound) - top, 0.0))
+    least = COARSE_SHARE * summed(np.exp(seen.value - top), owner, count)
+    need = np.ones(lattice.side.shape)
+    for axis, side, one in zip(seen.sharp, lattice.side, need, strict=True):
+        step = np.searchsorted(STEPS, axis * (side / (tolerance * OVERSIZE))[owner])
+        held = np.bincount(owner * (STEPS.size + 1) + step, weight, minlength=count * (STEPS.size + 1))
+        held = held.reshape(count, -1)[:, ::-1].cumsum(axis=1)[:, ::-1]  # by cells that need so many or more
+        one[:] = STEPS[np.clip((held > least[:, None]).sum(axis=1) - 1, 0, STEPS.size - 1)]
+    return need
 
 
-def _divided(lattice: Lattice, chosen: BoolArray, parts: IntArray) -> Lattice:
-    """Cells divided in the parts of their problem along each axis."""
-    ways, way = np.unique(parts, axis=1, return_inverse=True)
-    way = way.ravel()
-    some = [_divided_in(lattice, chosen & (way[lattice.owner] == i), one) for i, one in enumerate(ways.T)]
-    index, owner = (np.concatenate([pair[i] for pair in some], axis=-1) for i in (0, 1))
-    order = np.argsort(owner, kind="stable") if len(some) > 1 else slice(None)
-    return replace(lattice, index=index[:, order], owner=owner[order], side=lattice.side / parts)
+def _parts(lattice: Lattice, need: FloatArray) -> FloatArray:
+    """In how many parts along each axis the cells of each problem are to be divided now, shape (D, B); 1: final."""
+    parts = np.where(need * OVERSIZE <= MOST_PARTS, need * OVERSIZE, 2.0)
+    parts = np.where((need <= 1) | (WAITS * need < need.max(axis=0)), 1.0, parts)
+    return np.where(np.bincount(lattice.owner, minlength=lattice.side.shape[1]) > 0, parts, 1.0)
 
 
-def _divided_in(lattice: Lattice, chosen: BoolArray, parts: IntArray) -> tuple[IntArray, IntArray]:
-    corner = np.indices(tuple(parts)).reshape(parts.size, -1)
-    index = (parts[:, None, None] * lattice.index[:, chosen, None] + corner[:, None, :]).reshape(parts.size, -1)
-    return index, np.repeat(lattice.owner[chosen], corner.shape[1])
+def _divided(lattice: Lattice, chosen: BoolArray, parts: FloatArray) -> Lattice:
+    """Cells divided in the parts of their problem along each axis: the smaller cells whose centres lie in them."""
+    owner, index = lattice.owner[chosen], lattice.index[:, chosen]
+    along = parts[:, owner]
+    first = np.ceil(index * along - 0.5).astype(np.intp)
+    number = np.ceil((index + 1) * along - 0.5).astype(np.intp) - first
+    whole = number.prod(axis=0)
+    place = np.arange(whole.sum()) - np.repeat(np.cumsum(whole) - whole, whole)
+    divided = np.repeat(first, whole, axis=1)
+    for axis in range(len(number) - 1, 0, -1):
+        place, step = np.divmod(place, np.repeat(number[axis], whole))
+        divided[axis] += step
+    divided[0] += place
+    return replace(lattice, index=divided, owner=np.repeat(owner, whole), side=lattice.side / parts)
 
 
 def _check_budget(lattice: Lattice, components: int) -> None:
@@ -292,12 +427,11 @@ def _pick(lattice: Lattice, value: FloatArray, chosen: BoolArray) -> tuple[Latti
     return replace(lattice, index=lattice.index[:, chosen], owner=lattice.owner[chosen]), value[chosen]
 
 
-def _gathered(done: list[tuple[Lattice, FloatArray]], drop_nats: float, problems: Problems) -> Cells:
+def _gathered(done: list[tuple[Lattice, FloatArray]], last: Lattice, drop_nats: float, problems: Problems) -> Cells:
     """Final cells in the order of their problems, without those far below the best of them.
 
     The last lattice knows the final size of every problem's.
     """
-    last = done[-1][0]
     owner = np.concatenate([part.owner for part, _ in done])
     if np.bincount(owner, minlength=problems.count).min() == 0:
         raise ConvergenceError(

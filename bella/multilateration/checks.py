@@ -41,6 +41,10 @@ EMISSION_SD_S = 1e4
 LEAST_S = 1e-3
 """Independent error beside the free time of emission, without which the covariance of exact times is singular."""
 
+LEAST_LIKELY = 1e-4
+"""Probability that a clock is late below which positions need not allow for it: means move by less than 1e-3 of their
+standard deviations."""
+
 SHIFT_S = 10.0
 """Offset for which the move of a position is stated."""
 DRAWS_USED = 400
@@ -106,25 +110,30 @@ def check_clocks(grid: ArrivalGrid, position_rsun: FloatArray, priors: Priors, d
     return ClockCheck(offset_s, offset_sd_s, chi2, message)
 
 
-def late_clocks(grid: ArrivalGrid, check: ClockCheck, recipe: Recipe) -> LateClocks:
+def late_clocks(grid: ArrivalGrid, check: ClockCheck, recipe: Recipe, none_late: FloatArray) -> LateClocks:
     """Noise in which one clock is late or none, each as likely as all arrival times of the burst say.
 
     Before the data a late clock and none are equally likely, with an offset of about `Thresholds.typical_offset_s`.
-    Components would be weighted by the arrival times of a frequency once more: their evidence there is taken off.
+    Components would be weighted by the arrival times of a frequency once more: their evidence there is taken off. Those
+    that are less likely than `LEAST_LIKELY` are left out.
 
     Parameters
     ----------
     check : ClockCheck
         With offsets that are known.
+    none_late : ndarray, shape (F,)
+        Evidence of each frequency if no clock is late, as a logarithm.
     """
     number = len(grid.observatories)
     chosen = np.eye(number + 1, number, k=-1)  # first that no clock is late
     late_s, late_sd_s = chosen * check.offset_s, chosen * check.offset_sd_s
-    own = np.stack([log_evidence(grid, recipe, *one) for one in zip(late_s, late_sd_s, strict=True)])
+    late = [log_evidence(grid, recipe, *one) for one in zip(late_s[1:], late_sd_s[1:], strict=True)]
+    own = np.stack([none_late, *late])
     occam = np.append(0.0, np.log(check.offset_sd_s / THRESHOLDS.typical_offset_s / number))
     log_weight = own.sum(axis=1) + occam
     log_weight = log_weight - np.logaddexp.reduce(log_weight)
-    return LateClocks(late_s, late_sd_s, log_weight[:, None] - own)
+    likely = log_weight > np.log(LEAST_LIKELY)
+    return LateClocks(late_s[likely], late_sd_s[likely], (log_weight[:, None] - own)[likely])
 
 
 def _fitted(

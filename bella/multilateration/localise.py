@@ -135,7 +135,8 @@ def localise(  # noqa: PLR0913
     posterior = METHODS[method](grid, recipe, advance)
     check = check_clocks(grid, posterior.moments.mean, chosen.priors, chosen.delay)
     if check.is_doubtful and method == "posterior" and not chosen.noise.bad_probability:
-        posterior = exact_posterior(grid, recipe, lambda _: None, late_clocks(grid, check, recipe))
+        clocks = late_clocks(grid, check, recipe, posterior.moments.log_evidence)
+        posterior = exact_posterior(grid, recipe, lambda _: None, clocks)
     return solution_dataset(grid, posterior, recipe, check)
 
 

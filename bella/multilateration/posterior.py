@@ -24,7 +24,7 @@ BATCH = {2: 25, 3: 1}
 """Frequencies treated together: enough to pay for the calls, few enough to stay in the processor's cache."""
 SHARE_OF_SIDE = 0.05
 """Step, in edges of a cell, over which the slope of the log density is taken."""
-LEAST_CHANGE, MOST_CHANGE = 1e-4, 20.0
+LEAST_CHANGE, MOST_CHANGE = 1e-4, 4.0
 """Limits of the change of the log density across half a cell: the equations divide by it, and raise e to it."""
 
 
@@ -211,7 +211,7 @@ def _halved(problems: Problems, frequency_mhz: FloatArray) -> Iterator[tuple[Pro
 def moments_of(problems: Problems, cells: Cells) -> Moments:
     """Summary of the posterior held by cells (midpoint rule)."""
     count, owner, local, speed = problems.count, cells.owner, cells.local, cells.speed
-    joint, log_sum = normalised(cells.log_density, owner, count)
+    joint, log_sum = normalised(cells.log_mass, owner, count)
 
     def _mean(values: FloatArray) -> FloatArray:
         return summed((joint * values).sum(axis=0), owner, count)
@@ -277,7 +277,8 @@ def draw(problems: Problems, cells: Cells, number: int, rng: np.random.Generator
     """
     change = _change_across(problems, cells)
     widened = np.log(np.sinh(change) / change).sum(axis=0)
-    mass, _ = normalised(cells.log_density + widened, cells.owner, problems.count)
+    held = cells.log_mass
+    mass, _ = normalised(held + widened, cells.owner, problems.count)
     edges = np.searchsorted(cells.owner, np.arange(problems.count + 1))
     parts = []
     for row, (first, last) in enumerate(pairwise(edges)):  # one at a time: its draws stay in the processor's cache
@@ -285,45 +286,46 @@ def draw(problems: Problems, cells: Cells, number: int, rng: np.random.Generator
         lattice = Lattice(
             cells.index[:, some], cells.owner[some], cells.side[:, one], cells.origin[:, one], cells.axes.one(row)
         )
-        held = _Held(lattice, change[..., some], mass[:, some], cells.log_density[:, some])
-        parts.append(_drawn(problems.at(one), held, number, rng))
+        here = _Held(lattice, change[..., some], mass[:, some], held[:, some])
+        parts.append(_drawn(problems.at(one), here, number, rng))
     return Draws(*(np.concatenate([getattr(part, name) for part in parts]) for name in Draws.__dataclass_fields__))
 
 
 def _change_across(problems: Problems, cells: Cells) -> FloatArray:
-    """Change of the log density from the centre of each cell to its sides, shape (D, K, M)."""
-    here = problems.at(cells.owner)
-    aside = [
-        component_density(here, cells.place(cells.index + 0.5 + SHARE_OF_SIDE * axis[:, None], cells.owner))
-        for axis in np.eye(problems.dimensions)
-    ]
-    change = np.clip((np.stack(aside) - cells.log_density) / (2 * SHARE_OF_SIDE), -MOST_CHANGE, MOST_CHANGE)
+    """Change of the log density in coordinates from the centre of each cell to its sides, shape (D, K, M)."""
+    here, aside = problems.at(cells.owner), []
+    for axis in np.eye(problems.dimensions):
+        index = cells.index + 0.5 + SHARE_OF_SIDE * axis[:, None]
+        density = component_density(here, cells.place(index, cells.owner))
+        aside.append(density + cells.log_area(index, cells.owner))
+    change = np.clip((np.stack(aside) - cells.log_mass) / (2 * SHARE_OF_SIDE), -MOST_CHANGE, MOST_CHANGE)
     return np.where(np.abs(change) < LEAST_CHANGE, LEAST_CHANGE, change)
 
 
 @dataclass(frozen=True)
 class _Held:
-    """Cells of one problem: change of the log density across half of each (D, K, M), mass and log density (K, M)."""
+    """Cells of one problem: change of the log density across half of each (D, K, M), and what they hold (K, M)."""
 
     lattice: Lattice
     change: FloatArray
     mass: FloatArray
-    log_density: FloatArray
+    log_mass: FloatArray
 
 
 def _drawn(problem: Problems, held: _Held, number: int, rng: np.random.Generator) -> Draws:
     taken = _systematic(held.mass.T.ravel(), number, rng)
     cell, component = np.divmod(taken, problem.components)
-    place = component * held.log_density.shape[1] + cell
+    place = component * held.log_mass.shape[1] + cell
     twice = 2 * held.change.reshape(len(held.change), -1).take(place, axis=1)
     jitter = np.log1p(rng.random(twice.shape) * np.expm1(twice)) / twice - 0.5
     aside = held.lattice.index.take(cell, axis=1) + 0.5 + jitter
-    points = held.lattice.place(aside, np.zeros(1, dtype=np.intp))[:, None]
+    alone = np.zeros(1, dtype=np.intp)
+    points = held.lattice.place(aside, alone)[:, None]
     here = problem.component(component[None])
     local = evaluate(here, points)
     slowness, log_weight = draw_slowness(local, problem.priors, rng)
-    log_drawn = held.log_density.ravel().take(place) + (twice * jitter).sum(axis=0)
-    log_weight = (local.log_density[0] + log_weight - log_drawn)[0]
+    log_drawn = held.log_mass.ravel().take(place) + (twice * jitter).sum(axis=0)
+    log_weight = (local.log_density[0] + held.lattice.log_area(aside, alone) + log_weight - log_drawn)[0]
     weight = np.exp(log_weight - log_weight.max())
     weight /= weight.sum()
     chosen = rng.permutation(_systematic(weight, number, rng))

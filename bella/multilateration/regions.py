@@ -68,6 +68,11 @@ class Image:
         along = np.atleast_2d(self.corner + index * self.pitch).T
         return self.axes.place(along, slice(0, 1)).T.reshape(np.shape(index))
 
+    def size(self, index: IntArray) -> FloatArray:
+        """Area, or volume, of lattice cells with some coordinates (N, D), square or cubic solar radii."""
+        along = (self.corner + index * self.pitch).T
+        return np.asarray(np.prod(self.pitch) * np.exp(self.axes.log_area(along, slice(0, 1))))
+
 
 @dataclass(frozen=True)
 class Modes:
@@ -113,9 +118,9 @@ class Region:
 
 @dataclass(frozen=True)
 class _Ladder:
-    """How many lattice points the region of each level holds, and the log density at its edge."""
+    """Area or volume of the region of each level, and the log density at its edge."""
 
-    points: tuple[float, ...]
+    size: tuple[float, ...]
     log_threshold: tuple[float, ...]
 
 
@@ -152,10 +157,10 @@ def regions_of(problems: Problems, cells: Cells) -> list[Region]:
     list of Region
         One per problem.
     """
-    coarse = mixed(cells.log_density)
+    coarse, mass = mixed(cells.log_density), mixed(cells.log_mass)
     first = np.searchsorted(cells.owner, np.arange(problems.count))
     relevant = coarse > np.maximum.reduceat(coarse, first)[cells.owner] - RELEVANT_NATS
-    share, _ = normalised(coarse[None], cells.owner, problems.count)
+    share, _ = normalised(mass[None], cells.owner, problems.count)
     held = summed(share[0] * relevant, cells.owner, problems.count)
     index, owner = cells.index[:, relevant], cells.owner[relevant]
     finer = _finer(index, np.searchsorted(owner, np.arange(problems.count)))
@@ -169,11 +174,7 @@ def regions_of(problems: Problems, cells: Cells) -> list[Region]:
     fine = np.concatenate([log_density(problems.at(one), points[:, part]) for part, one in blocks(owner)])
     some = [slice(cuts[b], cuts[b + 1]) for b in range(problems.count)]
     return [
-        _region(
-            Image.of(index[:, part], fine[part], cells.origin[:, b], pitch[:, b], cells.axes.one(b)),
-            fine[part],
-            held[b],
-        )
+        _region(Image.of(index[:, part], fine[part], cells.origin[:, b], pitch[:, b], cells.axes.one(b)), held[b])
         for b, part in enumerate(some)
     ]
 
@@ -205,8 +206,7 @@ def region_of_draws(positions: FloatArray) -> Region:
     positions : ndarray, shape (N, D)
         Solar radii.
     """
-    fine = _kernel_image(positions, len(positions) ** (-1 / (4 + positions.shape[1])))
-    region = _region(fine, fine.log_density.ravel())
+    region = _region(_kernel_image(positions, len(positions) ** (-1 / (4 + positions.shape[1]))))
     return replace(region, modes=find_modes(_kernel_image(positions, MODE_BANDWIDTH)))
 
 
@@ -222,15 +222,14 @@ def _kernel_image(positions: FloatArray, bandwidth: float) -> Image:
     return Image(kernel.logpdf(points).reshape(shape), corner, pitch, Axes.straight(np.array([[1.0], [0.0]])))
 
 
-def _region(image: Image, density: FloatArray, held: float = 1.0) -> Region:
-    """Region of an image that holds a share of the whole probability, from its finite values."""
-    ladder = _ladder(density, held)
+def _region(image: Image, held: float = 1.0) -> Region:
+    """Region of an image that holds a share of the whole probability."""
+    ladder = _ladder(image, held)
     flat = _seen_from_north(image)
-    seen = ladder if flat is image else _ladder(flat.log_density[np.isfinite(flat.log_density)], held)
-    cell = np.nan if flat is image else float(np.prod(image.pitch))
+    seen = ladder if flat is image else _ladder(flat, held)
     return Region(
-        area_rsun2=tuple(points * float(np.prod(flat.pitch)) for points in seen.points),
-        volume_rsun3=tuple(points * cell for points in ladder.points),
+        area_rsun2=seen.size,
+        volume_rsun3=(np.nan,) * len(LEVELS) if flat is image else ladder.size,
         log_threshold=ladder.log_threshold,
         outlines=_outlines(flat, seen.log_threshold),
         mode_rsun=highest(image),
@@ -248,19 +247,21 @@ def _seen_from_north(image: Image) -> Image:
     return Image(flat, image.corner[:2], image.pitch[:2], image.axes)
 
 
-def _ladder(density: FloatArray, held: float) -> _Ladder:
-    """Number of the densest points that hold each level of the probability, of which all points hold a share."""
-    falling = np.sort(density)[::-1]
-    mass = np.exp(falling - falling[0])
-    running = np.cumsum(mass)
-    points, thresholds = [], []
+def _ladder(image: Image, held: float) -> _Ladder:
+    """Size of the densest region that holds each level of the probability, of which the image holds a share."""
+    index = np.argwhere(np.isfinite(image.log_density))
+    density = image.log_density[tuple(index.T)]
+    order = np.argsort(-density)
+    falling, size = density[order], image.size(index)[order]
+    mass = np.exp(falling - falling[0]) * size
+    running, covered = np.cumsum(mass), np.cumsum(size)
+    sizes, thresholds = [], []
     for level in LEVELS:
         wanted = min(level / held, 1.0) * running[-1]
         last = min(int(np.searchsorted(running, wanted)), running.size - 1)
-        before = running[last - 1] if last else 0.0
-        points.append(last + float((wanted - before) / mass[last]))
+        sizes.append(float(covered[last] - (running[last] - wanted) / mass[last] * size[last]))
         thresholds.append(float(falling[last]))
-    return _Ladder(tuple(points), tuple(thresholds))
+    return _Ladder(tuple(sizes), tuple(thresholds))
 
 
 def _outlines(image: Image, thresholds: tuple[float, ...]) -> tuple[FloatArray, ...]:
@@ -310,8 +311,8 @@ def find_modes(image: Image) -> Modes:
     steps = np.array([step for step in product((-1, 0, 1), repeat=len(shape)) if any(step)]) @ strides
     neighbours = place.take(flat + steps[:, None])
     around = np.append(value, -np.inf).take(neighbours)
-    place_rsun = image.place(np.stack(np.unravel_index(flat, inner.shape), axis=-1).astype(np.float64) - 1)
-    mass = np.exp(value - value.max())
+    index = np.stack(np.unravel_index(flat, inner.shape), axis=-1) - 1
+    place_rsun, mass = image.place(index.astype(np.float64)), np.exp(value - value.max()) * image.size(index)
     if np.count_nonzero(around.max(axis=0) <= value) == 1:
         return Modes((mass @ place_rsun / mass.sum())[None], np.ones(1))
     basin = _basins(value, neighbours, around)

@@ -97,11 +97,11 @@ def test_receivers_that_explain_the_times_nearly_as_well_are_named() -> None:
 def test_a_late_clock_is_as_likely_as_all_times_of_the_burst_say() -> None:
     grid = burst(FIVE, 3, np.array([0, 0, 7.0, 0, 0])).take(np.arange(0, 12, 3))
     recipe = Recipe("posterior", PLAIN, 2, 10, 0)
-    position = exact_posterior(grid, recipe, lambda _: None).moments.mean
-    check = check_clocks(grid, position, PLAIN.priors, PLAIN.delay)
-    clocks = late_clocks(grid, check, recipe)
+    moments = exact_posterior(grid, recipe, lambda _: None).moments
+    check = check_clocks(grid, moments.mean, PLAIN.priors, PLAIN.delay)
+    clocks = late_clocks(grid, check, recipe, moments.log_evidence)
 
-    whole = [exact_posterior(grid, recipe, lambda _: None).moments.log_evidence]
+    whole = [moments.log_evidence]
     for one in np.eye(5):
         mended = replace(
             grid,
