@@ -54,7 +54,7 @@ HALF_HOUR, NEAREST_HOUR = np.timedelta64(30, "m"), np.timedelta64(6, "h")
 """A speed is that of the middle of its hour; one within six hours of a burst is used for it."""
 
 PROMPT, PART = np.timedelta64(12, "h"), np.timedelta64(5, "D")
-"""Speeds up to half a day after a burst are used as they come, later ones by five days, and all once the rotation is over.
+"""Speeds up to half a day after a burst are used as they come, later ones by five days, all after the rotation.
 
 A list that grows by a day then changes the wind of a burst three times in place of thirteen. In 2012-05 to 2012-07 the
 days that are missing at most change the speed along a track by 0.3 of its error, 0.7 in one case of ten.
@@ -324,7 +324,8 @@ def _whole_parts(series: pd.Series, utc: np.datetime64, half: np.timedelta64) ->
     hours, begin = series.index.to_numpy(), utc + half - HALF_ROTATION + PROMPT
     if hours[-1] < begin or hours[-1] >= utc + half - NEAREST_HOUR:
         return series
-    return series[hours < begin + (hours[-1] - begin) // PART * PART]
+    whole: pd.Series = series[hours < begin + (hours[-1] - begin) // PART * PART]
+    return whole
 
 
 def _used_speeds(observatory: str, paths: list[Path], series: pd.Series) -> UsedFile:
