@@ -340,6 +340,9 @@ def test_a_day_that_is_not_done_is_no_success() -> None:
         with pytest.raises(UnfinishedError, match=f"1 of 2 day is not done: 2021-02-01 {answer}") as caught:
             check_finished([fine, DayOutcome(DAY, str(answer), answer)])
         assert len(caught.value.outcomes) == 2
+    check_finished([DayOutcome(DAY, "archive silent", DayAnswer.ARCHIVE_SILENT)], is_asked_for=False)
+    with pytest.raises(UnfinishedError, match="not searchable"):
+        check_finished([DayOutcome(DAY, "not searchable", DayAnswer.NOT_SEARCHABLE)], is_asked_for=False)
     with pytest.raises(UnfinishedError, match="2 of 2 days are not done: 2021-02-01 the disk is full"):
         check_finished([DayOutcome(DAY, "failed", message="the disk is full")] * 2)
     with pytest.raises(UnfinishedError, match="a data set could not be asked for"):
