@@ -138,9 +138,10 @@ def test_a_home_that_workers_cannot_find_is_refused(monkeypatch: pytest.MonkeyPa
         workers.call(square, 2)
 
 
+@pytest.mark.acceptance  # a whole day twice
 def test_a_day_is_the_same_to_the_bit_by_workers_of_dask_and_without(cluster: Cluster, tmp_path: Path) -> None:
     """One burst is localised, the other has a preliminary track: all that is sent to workers, and back."""
-    archive = archive_of(tmp_path / "archive", 1)
+    archive = archive_of(tmp_path / "archive")
     cluster.add_worker("--nthreads", "1", "--nworkers", "2")
     found = []
     for name, address in (("alone", ""), ("dask", cluster.address)):

@@ -47,7 +47,7 @@ def test_a_burst_without_noise_is_found_where_it_was() -> None:
     assert abs((release - np.datetime64("2012-06-07T19:30")) / np.timedelta64(1, "s")) < 10
 
 
-@pytest.mark.parametrize("slowing", [False, True])
+@pytest.mark.parametrize("slowing", [False, pytest.param(True, marks=pytest.mark.acceptance)])
 def test_intervals_hold_bursts_of_other_laws(slowing: bool) -> None:
     inside = {"phi0_deg": [], "v_sw_km_s": [], "beam_speed_c": []}  # type: ignore[var-annotated]
     wide, errors, misfit = [], [], []
