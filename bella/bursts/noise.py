@@ -240,24 +240,20 @@ def estimate_noise(timed: Timed) -> Timed:
     Parameters
     ----------
     timed : Timed
-        With the errors of the fit of the light curves.
+        With the errors of the fit of the light curves, and in `shape_sd_s` those of the times of the samples.
 
     Returns
     -------
     Timed
         With `channel_sd_s`, `shape_sd_s` and `width_share`.
     """
-    timed = replace(
-        timed,
-        shape_sd_s=error_scale_s(timed.rise_s),
-        channel_sd_s=np.maximum(timed.channel_sd_s, LEAST_SIGMA_S),
-    )
+    timed = replace(timed, channel_sd_s=np.maximum(timed.channel_sd_s, LEAST_SIGMA_S))
     thin = timed.take(spread_channels(timed, MOST_FOR_NOISE))
-    errors = _Misfit.of(thin).settled()
+    errors = max(map(_Misfit.of(thin).settled, STARTS), key=lambda one: one[1])[0]
     widening = _Misfit.of(timed).widening(errors, np.ones(timed.arrival_s.size))
     return replace(
         timed,
-        shape_sd_s=errors.shape * timed.shape_sd_s,
+        shape_sd_s=np.hypot(timed.shape_sd_s, errors.shape * error_scale_s(timed.rise_s)),
         channel_sd_s=errors.factor * np.sqrt(widening) * timed.channel_sd_s,
         width_share=WIDTH_ERROR * float(np.sqrt(max(width_spread(timed) ** 2 - UNRESOLVED_WIDTHS**2, 0.0))),
     )
@@ -270,8 +266,10 @@ class _Errors(NamedTuple):
     factor: float
 
 
-SMALL_ERRORS = _Errors(0.01, 1.6)
-"""Those of most simulated bursts."""
+STARTS = (_Errors(0.01, 1.6), _Errors(0.3, 1.6))
+"""Where the search begins, in small and large errors: a few channels that are far off count as an error of all from the
+second alone, and from the first alone an error of all as one of many channels.
+"""
 
 
 @dataclass(frozen=True)
@@ -296,23 +294,27 @@ class _Misfit:
     def of(cls, timed: Timed) -> "_Misfit":
         same = timed.observatory[:, None] == timed.observatory
         expected = _emission(timed) + _fine(timed) + _difference(timed) + timed.shared_s @ timed.shared_s.T
+        known, shape = (
+            _smooth(timed.frequency_mhz, size_s, SHAPE_LENGTH_LN_F)
+            for size_s in (timed.shape_sd_s, error_scale_s(timed.rise_s))
+        )
         return cls(
             timed.arrival_s - timed.arrival_s.mean(),
-            expected + np.where(same, np.outer(timed.offset_s, timed.offset_s), 0.0),
-            np.where(same, _smooth(timed.frequency_mhz, timed.shape_sd_s, SHAPE_LENGTH_LN_F), 0.0),
+            expected + np.where(same, np.outer(timed.offset_s, timed.offset_s) + known, 0.0),
+            np.where(same, shape, 0.0),
             timed.channel_sd_s**2,
         )
 
-    def settled(self) -> _Errors:
-        """The errors that all have, once those of single channels are known as well.
-
-        The first widening is that of small errors: else a few channels that are far off count as an error of all.
-        """
-        errors, widening = SMALL_ERRORS, np.ones(self.away_s.size)
+    def settled(self, errors: _Errors) -> tuple[_Errors, float]:
+        """The errors that all have, once those of single channels are known as well, and how likely all are (ln)."""
+        widening = np.ones(self.away_s.size)
         for _ in range(NOISE_ROUNDS):
             widening = self.widening(errors, widening)
             errors = self.errors(widening)
-        return errors
+        root = cholesky(self._covariance_s2(errors, widening), lower=True, check_finite=False)
+        white = solve_triangular(root, self.away_s, lower=True, check_finite=False)
+        log_prior = -(0.5 * STUDENT_FREEDOM + 1.0) * np.log(widening) - 0.5 * STUDENT_FREEDOM / widening
+        return errors, float(-0.5 * white @ white - np.log(np.diag(root)).sum() + log_prior.sum())
 
     def errors(self, widening: FloatArray) -> _Errors:
         """The errors that all have, for channels of widened variance."""
