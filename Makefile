@@ -17,8 +17,8 @@ serve: .venv/runtime  ## API and pages on http://127.0.0.1:8000
 test: .venv/test  ## Everything that must hold, without a network
 	$(BIN)/pytest -n 2 --dist loadfile --no-loadscope-reorder
 
-acceptance: .venv/test  ## Longer checks, such as the exact posterior against long sampling
-	$(BIN)/pytest -m acceptance
+acceptance: .venv/test  ## What takes longer: whole services, replays, many seeds, long sampling
+	$(BIN)/pytest -n 2 --dist loadfile --no-loadscope-reorder -m acceptance
 
 fuzz: .venv/test  ## Read thousands of damaged files (MUTATIONS=20000), and answer 2000 made-up requests and 500 walks
 	BELLA_MUTATIONS=$(or $(MUTATIONS),20000) $(BIN)/pytest tests/fuzz

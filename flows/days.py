@@ -14,12 +14,10 @@ from bella.logs import log_to
 from bella.pipeline.burst import Choice
 from bella.pipeline.day_files import BroughtFolder
 from bella.pipeline.outcome import DayOutcome, check_finished, summary_rows
-from bella.pipeline.run import Run, process_days
+from bella.pipeline.run import process_days
 from bella.pipeline.watch import OVERTAKING, watch_days
-from bella.pipeline.workers import Workers
-from bella.records import DayAnswer
 from bella.settings import Settings, read_settings
-from flows.tasks import Tasks, run_name
+from flows.tasks import Tasks, this_run
 
 ENDS_BEFORE = timedelta(seconds=20)
 """So long before the next run is due this one ends: Prefect asks for its place ten seconds early."""
@@ -43,12 +41,11 @@ def process_range(
     Raises
     ------
     UnfinishedError
-        If a day failed, could not be searched, the archive did not answer, or a file was left out; it holds the
-        outcomes too.
+        See :func:`bella.pipeline.outcome.check_finished`; it holds the outcomes too.
     """
     settings = Settings()
-    with Workers(settings.workers, settings, settings.home / "logs" / "bella.log") as workers:
-        done = process_days(days, archive, Run(settings, run_name(), workers, choice), Tasks(), brought)
+    with this_run(settings, settings.workers, choice, settings.home / "logs" / "bella.log") as run:
+        done = process_days(days, archive, run, Tasks(), brought)
     _show(done.outcomes)
     check_finished(done.outcomes, done.unreachable, done.left_out)
     return list(done.outcomes)
@@ -62,10 +59,9 @@ def recent_days() -> int:
     if not settings.recent_days:
         return 0
     due, every = flow_run.get_scheduled_start_time(), timedelta(seconds=settings.days_schedule_s)
-    with Workers(settings.workers, settings) as workers:
-        workers.start()
-        outcomes = watch_days(Run(settings, run_name(), workers), Tasks(), due + every - ENDS_BEFORE, every)
+    with this_run(settings, settings.workers) as run:
+        run.workers.start()
+        outcomes = watch_days(run, Tasks(), due + every - ENDS_BEFORE, every)
     _show(outcomes)
-    # that the archive is silent is the fetcher's failure
-    check_finished([one for one in outcomes if one.answer is not DayAnswer.ARCHIVE_SILENT], is_asked_for=False)
-    return sum(one.new for day in outcomes for one in (*day.localised, *day.preliminary))
+    check_finished(outcomes, is_asked_for=False)
+    return sum(one.new for one in outcomes)

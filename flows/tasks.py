@@ -3,6 +3,7 @@
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from datetime import date
+from pathlib import Path
 from typing import Any, ParamSpec, TypeVar
 
 import httpx
@@ -14,9 +15,11 @@ from prefect.runtime import flow_run
 from prefect.tasks import Task
 
 from bella.exceptions import BellaError, UnreachableError
+from bella.pipeline.burst import Choice
 from bella.pipeline.day import KnownBurst
 from bella.pipeline.day_files import DayFiles, fetch_range
 from bella.pipeline.run import RETRY_DELAYS_S, Pending, Run, process_day, process_subject
+from bella.pipeline.workers import Workers
 from bella.settings import Settings
 
 P = ParamSpec("P")
@@ -55,9 +58,13 @@ class Tasks:
         return day.submit(files, list(known), run)
 
 
-def run_name() -> str:
-    """Name of the run of the flow, under which it holds leases and logs."""
-    return str(flow_run.get_id() or "local")
+@contextmanager
+def this_run(
+    settings: Settings, workers: int = 1, choice: Choice | None = None, log: Path | None = None
+) -> Iterator[Run]:
+    """What the flow that is running works with: it holds leases, and logs, under the id of its run."""
+    with Workers(workers, settings, log) as pool:
+        yield Run(settings, str(flow_run.get_id()), pool, choice or Choice())
 
 
 @contextmanager

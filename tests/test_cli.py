@@ -13,6 +13,7 @@ from typer.testing import CliRunner
 
 from bella.cli import app
 from bella.cli.output import new_table, show, talk
+from tests.commands import Sandbox
 
 README = Path(__file__).parents[1] / "README.md"
 MAKEFILE = Path(__file__).parents[1] / "Makefile"
@@ -85,11 +86,8 @@ def test_ephemeris_as_json() -> None:
 
 
 @pytest.mark.parametrize("utc", ["yesterday", "2012-13-01", ""])
-def test_bad_time_is_one_line(utc: str) -> None:
-    done = subprocess.run(
-        [sys.executable, "-m", "bella.cli", "ephemeris", utc], capture_output=True, text=True, check=False
-    )
-    assert done.returncode == 2
+def test_bad_time_is_one_line(utc: str, tmp_path: Path) -> None:
+    done = Sandbox.within(tmp_path).here("ephemeris", utc, code=2)
     assert done.stderr.startswith("bella: ")
     assert done.stderr.count("\n") == 1
 

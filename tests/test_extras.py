@@ -34,20 +34,30 @@ def test_a_command_without_its_packages_is_one_line(package: str, arguments: lis
     assert "Traceback" not in done.stderr
 
 
-@pytest.mark.parametrize(
-    ("package", "code"),
-    [
-        ("zarr", "import bella.store"),
-        ("matplotlib", "from bella.plotting import draw_track"),
-        ("pymc", "from bella.multilateration import nuts; nuts._library('pymc')"),
-        ("pyarrow", "from bella.formats.binary import parquet; parquet(None)"),
-        ("radiospectra", "from bella.spectra import to_radiospectra; to_radiospectra(None)"),
-    ],
-)
-def test_a_function_without_its_package_names_the_extra(package: str, code: str) -> None:
-    done = run_without(package, code)
-    assert done.stderr.splitlines()[-1].endswith(f"pip install 'bella-service[{EXTRA_OF[package]}]'")
-    assert "MissingExtraError" in done.stderr
+USES = {
+    "zarr": "import bella.store",
+    "matplotlib": "from bella.plotting import draw_track",
+    "pymc": "from bella.multilateration import nuts; nuts._library('pymc')",
+    "pyarrow": "from bella.formats.binary import parquet; parquet(None)",
+    "radiospectra": "from bella.spectra import to_radiospectra; to_radiospectra(None)",
+}
+TRIED = """
+import sys
+sys.modules.update(dict.fromkeys({uses}))
+for code in {uses}.values():
+    try:
+        exec(code)
+    except Exception as error:
+        print(type(error).__name__, error)
+"""
+
+
+def test_a_function_without_its_package_names_the_extra() -> None:
+    code = TRIED.format(uses=USES)
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    for package, line in zip(USES, done.stdout.splitlines(), strict=True):
+        assert line.startswith("MissingExtraError"), line
+        assert line.endswith(f"pip install 'bella-service[{EXTRA_OF[package]}]'"), line
 
 
 def test_the_extra_that_is_named_brings_the_package() -> None:

@@ -93,7 +93,7 @@ def _prediction(day: date, names: tuple[str, ...], sigma_s: float, frequency_mhz
 
 @lru_cache(PREDICTIONS_KEPT)
 def _kept(day: date, names: tuple[str, ...], sigma_s: float, frequency_mhz: float) -> Prediction:
-    from bella.pipeline.planning import predicted  # noqa: PLC0415 - a room that no other request needs
+    from bella.pipeline.observability import predicted  # noqa: PLC0415 - a room that no other request needs
 
     found = predicted(day, names or OBSERVATORIES, sigma_s, frequency_mhz)
     return found if names else found.model_copy(update={"missing": {}})

@@ -223,7 +223,6 @@ def _run_event(event: str, settings: "Settings", asked: Asked, bar: "Progress") 
 
 
 def _event_done(event: str, settings: "Settings", asked: Asked, bar: "Progress") -> "Sequence[Outcome]":
-    from bella.exceptions import NotPlacedError
     from bella.pipeline.run import Direct, Run, process_subject
     from bella.pipeline.workers import Workers
 
@@ -233,10 +232,7 @@ def _event_done(event: str, settings: "Settings", asked: Asked, bar: "Progress")
 
             return localise_burst(event, asked.choice)
     with Workers(1, settings) as workers, Direct(1) as executor:
-        done = executor.tried(process_subject, event, Run(settings, DIRECT, workers, asked.choice))
-    if done.reason:
-        raise NotPlacedError(done.reason)
-    return done.outcomes
+        return executor.tried(process_subject, event, Run(settings, DIRECT, workers, asked.choice)).published()
 
 
 @contextmanager

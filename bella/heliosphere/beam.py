@@ -12,8 +12,8 @@ from bella.heliosphere.parker import (
 )
 from bella.units import C_RSUN_S, R_SUN_KM, FloatArray
 
-TRAVEL_NODES = 12
-"""Nodes of the travel integral: nine digits out to 1 au."""
+TRAVEL_NODES = 8
+"""Nodes of the travel integral: six digits out to 2 au."""
 
 TRAVEL_RULE = np.polynomial.legendre.leggauss(TRAVEL_NODES)
 

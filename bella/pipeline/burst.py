@@ -80,6 +80,12 @@ class BurstOutcome:
         """Whether its solutions have positions."""
         return any(one.solution.answer.tier == FINAL for one in self.outcomes)
 
+    def published(self) -> tuple[Outcome, ...]:
+        """Its solutions; NotPlacedError where there are none."""
+        if self.reason:
+            raise NotPlacedError(self.reason)
+        return self.outcomes
+
 
 @dataclass(frozen=True)
 class Begun:

@@ -1,4 +1,4 @@
-"""Observability of a day, from its spectra: when each receiver had data, and how well they locate together."""
+"""Observability: how well a fleet locates a source in each direction, on a day with spectra or before any."""
 
 from collections.abc import Sequence
 from datetime import date
@@ -10,10 +10,12 @@ import xarray as xr
 from bella.arrivals import MIN_OBSERVATORIES
 from bella.catalogue import FleetMap, ObservedDay, ReceiverDay
 from bella.catalogue.operation import BINS, MINUTES_PER_BIN, fleet_of
-from bella.exceptions import BellaError
+from bella.exceptions import BellaError, InputError, NoDataError
+from bella.heliosphere import DENSITY_MODELS, emission_range_rsun
 from bella.multilateration.posterior import Recipe, exact_posterior
 from bella.multilateration.priors import find_preset
 from bella.multilateration.uncertainty_map import Receivers, noise_free_arrivals
+from bella.records import Prediction
 from bella.spacecraft import position_hee
 
 log = structlog.get_logger(__name__)
@@ -21,6 +23,11 @@ log = structlog.get_logger(__name__)
 DISTANCES_RSUN = (20.0, 50.0, 100.0)
 """About where the plasma frequency is 1, 0.4 and 0.2 MHz."""
 LONGITUDES_DEG = tuple(float(longitude) for longitude in range(-180, 180, 10))
+PLANNED_RSUN = (10.0, 20.0, 35.0, 50.0, 75.0, 100.0, 150.0)
+PLANNED_LONGITUDES_DEG = tuple(float(longitude) for longitude in range(-180, 180, 15))
+"""Of a fleet before there are data: what is computed while somebody waits has fewer directions."""
+
+DENSITY, HARMONIC = "leblanc", 2
 PRESET = "default"
 
 FEWEST_DRAWS = 16
@@ -131,3 +138,53 @@ def region_radii(
         return (None,) * len(points)
     radius = np.sqrt(np.array([one.area_rsun2[0] for one in posterior.regions]) / np.pi)
     return tuple(round(float(one), 2) if np.isfinite(one) else None for one in radius)
+
+
+def predicted(day: date, fleet: tuple[str, ...], sigma_s: float, frequency_mhz: float) -> Prediction:
+    """How well a source would be located, from the exact posterior of noise-free arrival times.
+
+    Parameters
+    ----------
+    day : datetime.date
+        Positions are those of its noon.
+    sigma_s : float
+        Timing error of each arrival time, s.
+    frequency_mhz : float
+        Whose distance is added to `PLANNED_RSUN`.
+
+    Returns
+    -------
+    Prediction
+        Without radii where fewer than three positions are known.
+
+    Raises
+    ------
+    InputError
+        If the density model emits the frequency nowhere.
+    """
+    noon = np.datetime64(day, "ns") + np.timedelta64(12, "h")
+    where, missing = {}, {}
+    for name in fleet:
+        try:
+            where[name] = position_hee(name, [noon], noon)[0]
+        except (InputError, NoDataError) as error:
+            missing[name] = str(error)
+    reached = round(float(emission_range_rsun(np.array([frequency_mhz]), DENSITY_MODELS[DENSITY], HARMONIC)[0]), 1)
+    is_enough = len(where) >= MIN_OBSERVATORIES
+    distances = tuple(sorted({*PLANNED_RSUN, reached})) if is_enough else ()
+    rows: list[tuple[float | None, ...]] = []
+    if is_enough:
+        receivers = Receivers(tuple(where), np.array(list(where.values())), np.full(len(where), sigma_s))
+        rows = [region_radii(distance, PLANNED_LONGITUDES_DEG, receivers) for distance in distances]
+    return Prediction(
+        day=day,
+        sigma_s=sigma_s,
+        frequency_mhz=frequency_mhz,
+        frequency_rsun=reached,
+        receivers_rsun={name: tuple(float(round(one, 2)) for one in place) for name, place in where.items()},
+        missing=missing,
+        localisable=is_enough,
+        distances_rsun=distances,
+        longitudes_deg=PLANNED_LONGITUDES_DEG,
+        radius68_rsun=tuple(rows),
+    )

@@ -53,6 +53,11 @@ class DayOutcome:
     message: str = ""
 
     @property
+    def new(self) -> int:
+        """How many solutions were published."""
+        return sum(one.new for one in (*self.localised, *self.preliminary))
+
+    @property
     def is_whole(self) -> bool:
         """Whether no file of the day was left out: also of one that an earlier run has searched."""
         return LEFT_OUT not in self.message
@@ -109,15 +114,16 @@ def check_finished(
     left_out : sequence of str
         Files of a folder that cannot be read, each with the reason.
     is_asked_for : bool
-        Whether somebody waits for these days: then one that was searched without some of its files is not done; on a
-        schedule it is, until other files come.
+        Whether somebody waits for these days: then one that was searched without some of its files is not done, nor is
+        one for which the archive was silent. On a schedule both are, until files come: the fetcher says who is silent.
 
     Raises
     ------
     UnfinishedError
         In one line.
     """
-    open_days = [one for one in outcomes if one.state == FAILED or one.answer in UNANSWERED]
+    unanswered = UNANSWERED if is_asked_for else {DayAnswer.NOT_SEARCHABLE}
+    open_days = [one for one in outcomes if one.state == FAILED or one.answer in unanswered]
     if open_days:
         first = open_days[0]
         said = first.message or f"{first.answer}"

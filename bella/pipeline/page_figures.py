@@ -83,8 +83,8 @@ def constellation(burst: Burst, answers: Sequence[AnswerData], look: MapView) ->
 
 
 def spectra(tree: xr.DataTree, answers: Sequence[AnswerData], look: SpectraView) -> str:
-    """Spectra with the edges from which answers were made."""
-    edges = {one.solution.series.edge: one.posterior for one in reversed(answers)}
+    """Spectra with the edges from which answers were made; a preliminary track keeps none."""
+    edges = {one.solution.series.edge: one.posterior for one in reversed(answers) if one.has_positions}
     return spectra_figure(tree, edges, look)
 
 

@@ -18,6 +18,7 @@ from typing import Any, Protocol, TypeVar
 import structlog
 
 import bella
+from bella.bursts.event import EVENT
 from bella.catalogue import Catalogue, SearchedDay, Submission
 from bella.exceptions import BellaError, InputError, NoDataError, NotPlacedError, StoreError
 from bella.pipeline.burst import Begun, BurstOutcome, Choice, begin_burst, continue_burst, process_burst
@@ -35,8 +36,9 @@ from bella.pipeline.day import (
 )
 from bella.pipeline.day_files import BroughtFolder, DayFiles, Mirror, fetch_range
 from bella.pipeline.draw import draw_day, redraw_day
-from bella.pipeline.housekeeping import sweep_store
+from bella.pipeline.housekeeping import has_event, sweep_store
 from bella.pipeline.inputs import load_burst
+from bella.pipeline.linked_events import refresh_events
 from bella.pipeline.observability import observed_day
 from bella.pipeline.outcome import FAILED, NOTHING_NEW, OVERTAKEN, SEARCHED, DayOutcome, remarks
 from bella.pipeline.progress import counter
@@ -360,6 +362,25 @@ def process_subject(subject: str, run: Run) -> BurstOutcome:
         with closing(Catalogue.open(settings.catalogue_url, create=True)) as catalogue:
             sweep_store(catalogue, settings, run.run_id)
         return process_burst(given, run.choice, settings, run.run_id)
+
+
+def keep_house(run: Run) -> list[str]:
+    """Sweep the store, publish the built-in event where it is not there, and link bursts to events of others.
+
+    Returns
+    -------
+    list of str
+        What was removed from the store.
+    """
+    settings = run.settings
+    with closing(Catalogue.open(settings.catalogue_url, create=True)) as catalogue:
+        removed = sweep_store(catalogue, settings, run.run_id)
+        is_there = has_event(catalogue)
+    if not is_there:
+        process_subject(EVENT.name, run).published()
+    if settings.events is not None and settings.events.is_dir():  # the fetcher makes it with the first file
+        refresh_events(settings)
+    return removed
 
 
 def process_submissions(run: Run) -> int:

@@ -53,6 +53,13 @@ LONGEST_CDF = np.timedelta64(366, "D")
 HALF_HOUR, NEAREST_HOUR = np.timedelta64(30, "m"), np.timedelta64(6, "h")
 """A speed is that of the middle of its hour; one within six hours of a burst is used for it."""
 
+PROMPT, PART = np.timedelta64(12, "h"), np.timedelta64(5, "D")
+"""Speeds up to half a day after a burst are used as they come, later ones by five days, all after the rotation.
+
+A list that grows by a day then changes the wind of a burst three times in place of thirteen. In 2012-05 to 2012-07 the
+days that are missing at most change the speed along a track by 0.3 of its error, 0.7 in one case of ten.
+"""
+
 FILES_KEPT = 256
 LARGEST_LIST = 256 << 20
 """Bytes: OMNI 2 of all years has 180 MB."""
@@ -218,9 +225,9 @@ def speeds_around(folder: Path | None, utc: np.datetime64, half: np.timedelta64 
     Parameters
     ----------
     utc : numpy.datetime64
-        Middle of the rotation.
+        Middle of the rotation: time of a burst.
     half : numpy.timedelta64
-        How much before it, and after it.
+        How much before it, and after it; what is more than half a rotation is what the time of the burst may be off.
 
     Returns
     -------
@@ -241,7 +248,7 @@ def speeds_around(folder: Path | None, utc: np.datetime64, half: np.timedelta64 
             continue
         if len(series):
             parts.setdefault(observatory, []).append((path, series))
-    speeds = {name: _joined([series for _, series in parts[name]]) for name in sorted(parts)}
+    speeds = {name: _whole_parts(_joined([one for _, one in parts[name]]), utc, half) for name in sorted(parts)}
     used = tuple(_used_speeds(name, [path for path, _ in parts[name]], speeds[name]) for name in speeds)
     return InSitu(speeds, used, tuple(left_out), "" if speeds else _no_speeds(folder, utc, left_out))
 
@@ -310,6 +317,15 @@ def _joined(parts: list[pd.Series]) -> pd.Series:
     """All hours; where several files have the same hour, the value of the last."""
     whole: pd.Series = pd.concat(parts)
     return whole[~whole.index.duplicated(keep="last")].sort_index()
+
+
+def _whole_parts(series: pd.Series, utc: np.datetime64, half: np.timedelta64) -> pd.Series:
+    """Hours up to the last part after a burst that has come whole."""
+    hours, begin = series.index.to_numpy(), utc + half - HALF_ROTATION + PROMPT
+    if hours[-1] < begin or hours[-1] >= utc + half - NEAREST_HOUR:
+        return series
+    whole: pd.Series = series[hours < begin + (hours[-1] - begin) // PART * PART]
+    return whole
 
 
 def _used_speeds(observatory: str, paths: list[Path], series: pd.Series) -> UsedFile:

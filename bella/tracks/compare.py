@@ -63,10 +63,10 @@ def models_of(fit: TrackFit, frequency_mhz: FloatArray) -> list[TrackModel]:
     Returns
     -------
     list of TrackModel
-        The model of the fit first.
     """
     model = fit.track.model
-    others = [replace(model, distance=distance, emission=emission) for distance, emission in COMPARED]
+    laws = [one for one in COMPARED if one != (model.distance, model.emission)]
+    others = [replace(model, distance=distance, emission=emission) for distance, emission in laws]
     knot = float(np.round(np.median(fit.range_rsun(frequency_mhz))))
     return [*others, replace(model, knots_rsun=(max(knot, 2.0),))]
 
@@ -91,21 +91,14 @@ def compare_models(fit: TrackFit, grid: ArrivalGrid, seed: int = 0) -> list[Mode
     """
     if not fit.draws:
         raise NoDataError(f"there is no track ({', '.join(fit.record.flags)}): add frequencies")
-    fits = []
+    fits = [fit]
     for model in models_of(fit, grid.frequency_mhz):
-        track = Track(model, fit.track.band_mhz)
-        likelihood = replace(fit.likelihood, track=track)
-        fits.append(refit(fit, grid, likelihood, draws=DRAWS, seed=seed, starts=_near(fit)))
+        likelihood = replace(fit.likelihood, track=Track(model, fit.track.band_mhz))
+        fits.append(refit(fit, grid, likelihood, draws=DRAWS, seed=seed))
     log_evidence = np.array([one.record.log_evidence for one in fits], dtype=np.float64)
     share = np.exp(log_evidence - logsumexp(log_evidence))
     best = float(log_evidence.max())
     return [ModelEvidence(fits[i], float(log_evidence[i]) - best, float(share[i])) for i in np.argsort(-log_evidence)]
-
-
-def _near(fit: TrackFit) -> list[tuple[float, float]]:
-    """Distance and wind of a fit, for others to begin with, in standard deviations of their priors."""
-    level = fit.z[:, fit.track.winds + 1]
-    return [(float(np.median(level)), float(np.median(fit.z[:, 0])))]
 
 
 def models_companion(fit: TrackFit, grid: ArrivalGrid, seed: int = 0) -> dict[str, Any]:
@@ -148,7 +141,7 @@ def _row(one: ModelEvidence) -> dict[str, Any]:
 def _averaged(ranked: list[ModelEvidence]) -> Parameter:
     """Longitude of the mixture of all posteriors."""
     longitude = np.concatenate([one.fit.draws["phi0_deg"] for one in ranked])
-    weight = np.concatenate([np.full(DRAWS, one.probability / DRAWS) for one in ranked])
+    weight = np.concatenate([np.full(len(one.fit.z), one.probability / len(one.fit.z)) for one in ranked])
     middle = np.degrees(np.angle(weight @ np.exp(1j * np.radians(longitude))))
     return summary(middle + within_half_turn_deg(longitude - middle), weight, None)
 

@@ -141,6 +141,11 @@ class DirectionTerms:
         lost = (1 - 1 / np.sqrt(1 + shared))[:, None] * unit
         return residual - lost.T @ (unit @ residual)
 
+    @cached_property
+    def _axes(self) -> FloatArray:
+        """The two sides of each direction and the direction itself, shape (K, 3, 3)."""
+        return np.stack([*self.sides, self.towards], axis=1)
+
     def residual(self, source_rsun: FloatArray) -> FloatArray:
         """Angles between the lines of sight to sources and the measured directions.
 
@@ -154,14 +159,40 @@ class DirectionTerms:
         ndarray, shape (B, 2 K)
             Two perpendicular components, in units of the error, as `independent` has them.
         """
-        sight = source_rsun - self.receiver_rsun
-        sight /= np.linalg.norm(sight, axis=-1, keepdims=True)
-        across = np.einsum("nki,kmi->nkm", sight, _tangents(self.towards))
-        sine = np.linalg.norm(across, axis=-1)
-        angle = np.arctan2(sine, np.einsum("nki,ki->nk", sight, self.towards))
-        stretch = np.where(sine > SMALL_ANGLE, angle / np.maximum(sine, SMALL_ANGLE), 1.0)
-        alone = self.independent(across * (stretch / np.radians(self.sigma_deg))[..., None])
+        alone = self.independent(self.angles(source_rsun)[0])
         return np.asarray(alone.reshape(len(source_rsun), -1))
+
+    def angles(self, source_rsun: FloatArray, *moved_rsun: FloatArray) -> list[FloatArray]:
+        """The same in units of `sigma_deg`, and derivatives of them.
+
+        Parameters
+        ----------
+        source_rsun : ndarray, shape (B, K, 3)
+        *moved_rsun : ndarray, shape (B, K, 3)
+            Derivatives of the sources.
+
+        Returns
+        -------
+        list of ndarray, shape (B, K, 2)
+        """
+        sight = source_rsun - self.receiver_rsun
+        distance = np.sqrt((sight**2).sum(axis=-1, keepdims=True))
+        across, ahead = self._components(sight / distance)
+        sine = np.maximum(np.sqrt((across**2).sum(axis=-1, keepdims=True)), SMALL_ANGLE)
+        is_off = sine > SMALL_ANGLE
+        stretch = np.where(is_off, np.arctan2(sine, ahead) / sine, 1.0)
+        bend = np.where(is_off, (1 - stretch * ahead) / sine**2, 1 / 3)
+        found = [stretch * across]
+        for moved in moved_rsun:
+            beside, further = self._components(moved / distance)
+            out = (across * beside).sum(axis=-1, keepdims=True) + ahead * further  # along the line of sight
+            found.append(stretch * (beside - out * across) - bend * (further - out * ahead) * across)
+        return [one / np.radians(self.sigma_deg)[:, None] for one in found]
+
+    def _components(self, vector: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Of vectors, shape (B, K, 3), those across the directions, shape (B, K, 2), and along them, (B, K, 1)."""
+        turned = np.einsum("nki,kmi->nkm", vector, self._axes, optimize=True)
+        return turned[..., :2], turned[..., 2:]
 
 
 def _tangents(towards: FloatArray) -> FloatArray:

@@ -14,7 +14,7 @@ from bella.records import Interval, JointTrack, Moment, NoiseOfEdges, Parameter,
 from bella.tracks.directions import DirectionTerms
 from bella.tracks.likelihood import Likelihood, evidence_of
 from bella.tracks.model import WIND_KM_S, Track, TrackModel, WindPrior
-from bella.tracks.posterior import STARTS, Draws, Nodes, Starts, around_the_circle, cells, propagated, reweighted
+from bella.tracks.posterior import Draws, Nodes, around_the_circle, cells, propagated, reweighted
 from bella.tracks.quality import (
     WIDTHS_DIFFER,
     Quality,
@@ -81,6 +81,8 @@ class TrackFit:
         longitude is not wrapped where the posterior lies across +-180 degrees. Empty where nothing was fitted.
     z : ndarray, shape (M, P)
         The same in the parameters of the track.
+    nodes : Nodes or None
+        Best parameters around the circle; None where nothing was fitted.
     """
 
     record: JointTrack
@@ -88,6 +90,7 @@ class TrackFit:
     reference_utc: np.datetime64
     draws: dict[str, FloatArray] = field(default_factory=dict)
     z: FloatArray = field(default_factory=lambda: np.empty((0, 0)))
+    nodes: Nodes | None = None
 
     @property
     def track(self) -> Track:
@@ -146,31 +149,25 @@ def fit_track(
     likelihood, nodes, added = with_shape(likelihood, nodes, quality, stated=has_shape(grid))
     quality = replace(quality, added=added, dropped=dropped)
     likelihood, nodes = without_clocks(likelihood, nodes)
-    return _fitted(likelihood, nodes, quality, grid, STARTS, draws, np.random.default_rng(seed))
+    return _fitted(likelihood, nodes, quality, grid, draws, np.random.default_rng(seed))
 
 
-def refit(  # noqa: PLR0913
-    fit: TrackFit,
-    grid: ArrivalGrid,
-    likelihood: Likelihood,
-    *,
-    draws: int = DRAWS,
-    seed: int = 0,
-    starts: Starts = STARTS,
-) -> TrackFit:
+def refit(fit: TrackFit, grid: ArrivalGrid, likelihood: Likelihood, *, draws: int = DRAWS, seed: int = 0) -> TrackFit:
     """Fit another model, or with other directions, to the arrival times and the noise that a fit used in the end.
 
     Parameters
     ----------
+    fit : TrackFit
+        With draws.
     grid : ArrivalGrid
         That it was fitted to.
-    starts : sequence of (float, float)
-        Distances and winds to begin with, in standard deviations of their priors.
     """
+    assert fit.nodes is not None  # noqa: S101 - a fit with draws has them
     likelihood = replace(likelihood, seen=fit.likelihood.seen)
-    nodes = around_the_circle(likelihood, starts)
+    near = replace(fit.nodes, z=likelihood.track.nearest(fit.track, fit.nodes.z))
+    nodes = around_the_circle(likelihood, near)
     quality = quality_of(likelihood, nodes, grid)
-    return _fitted(likelihood, nodes, quality, grid, starts, draws, np.random.default_rng(seed), fit.record.flags)
+    return _fitted(likelihood, nodes, quality, grid, draws, np.random.default_rng(seed), fit.record.flags)
 
 
 def _fitted(  # noqa: PLR0913, PLR0917
@@ -178,13 +175,12 @@ def _fitted(  # noqa: PLR0913, PLR0917
     nodes: Nodes,
     quality: Quality,
     grid: ArrivalGrid,
-    starts: Starts,
     draws: int,
     rng: np.random.Generator,
     before: tuple[str, ...] = (),
 ) -> TrackFit:
     """Draws, flags and record; `before` are the flags of a fit to the same times whose errors were not yet doubted."""
-    nodes, drawn = propagated(likelihood, nodes, starts, draws, rng)
+    around, drawn = propagated(likelihood, nodes, draws, rng)
     effective = drawn.effective
     if effective < MIN_EFFECTIVE:  # the Gaussians of Laplace are then the better answer, with a flag
         drawn = replace(drawn, weight=np.full(draws, 1 / draws))
@@ -198,19 +194,18 @@ def _fitted(  # noqa: PLR0913, PLR0917
             (
                 *before,
                 *_flags(
-                    nodes, values, drawn.weight, summaries, quality, effective, is_orderly, likelihood.track.model.wind
+                    around, values, drawn.weight, summaries, quality, effective, is_orderly, likelihood.track.model.wind
                 ),
             )
         )
     )
     if "not_one_source" in flags and not before:
         likelihood = doubted(likelihood)
-        around = around_the_circle(likelihood, starts)
-        return _fitted(likelihood, around, quality, grid, starts, draws, rng, flags)
-    record = _record(likelihood, nodes, summaries, drawn.log_evidence, quality, grid, effective, flags)
+        return _fitted(likelihood, around_the_circle(likelihood), quality, grid, draws, rng, flags)
+    record = _record(likelihood, around, summaries, drawn.log_evidence, quality, grid, effective, flags)
     place = _equal(drawn.weight, rng)
     single = {name: value[place] for name, value in values.items() if value.ndim == 1}
-    return TrackFit(record, likelihood, grid.reference_utc, single, drawn.z[place])
+    return TrackFit(record, likelihood, grid.reference_utc, single, drawn.z[place], nodes)
 
 
 def _empty(grid: ArrivalGrid, model: TrackModel, flags: tuple[str, ...]) -> JointTrack:

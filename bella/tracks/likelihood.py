@@ -13,7 +13,7 @@ from scipy.linalg import cho_factor, cho_solve
 
 from bella.arrivals import ArrivalGrid
 from bella.tracks.directions import DirectionTerms
-from bella.tracks.model import STEP, Rows, Track
+from bella.tracks.model import Rows, Track
 from bella.units import FloatArray
 
 LEAST_S = 0.1
@@ -144,10 +144,16 @@ class Likelihood:
         gradient = np.einsum("bpn,bn->bp", weighed, residual_s) - z
         if self.directions is None:
             return matrix, gradient
-        now = self.turned(phi0_rad, z)
-        beside = [self.turned(phi0_rad, z + STEP * one) for one in np.eye(z.shape[1])]
-        turn = (np.stack(beside, axis=1) - now[:, None]) / STEP
-        return matrix + turn @ turn.transpose(0, 2, 1), gradient - np.einsum("bpk,bk->bp", turn, now)
+        basis = self.track.basis(self.directions.frequency_mhz)
+        range_rsun = self.track.range_rsun(z, basis)
+        outward = self.track.position_rsun(phi0_rad, z, range_rsun)
+        aside = outward[..., [1, 0, 2]] * [-1, 1, 0]
+        now, *moved = self.directions.angles(outward, outward, aside)
+        pair = (one.reshape(len(z), -1) for one in moved)  # each direction has two components
+        slope = self.track.chained(z, range_rsun.repeat(2, axis=1), basis.repeat(2, axis=0), *pair)
+        turn = self.directions.independent(slope.reshape(*slope.shape[:2], *now.shape[1:])).reshape(slope.shape)
+        away = self.directions.independent(now).reshape(len(z), -1)
+        return matrix + turn @ turn.transpose(0, 2, 1), gradient - np.einsum("bpk,bk->bp", turn, away)
 
     def emission(self, residual_s: FloatArray, frequency_mhz: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Posterior of the marginalised part of the time of emission, given tracks.

@@ -239,6 +239,23 @@ class Track:
         beam = {"free": 0, "constant": 1, "slowing": 2}[self.model.emission]
         return self.winds + 1 + int(self._ln_range[1].shape[1]) + beam
 
+    def nearest(self, other: "Track", z: FloatArray) -> FloatArray:
+        """Parameters nearest to those of another model on the same band, shape (..., P); beams are as before the data.
+
+        Parameters
+        ----------
+        z : ndarray, shape (..., its P)
+        """
+        root, its_root = self._ln_range[1], other._ln_range[1]
+        level, its_level = self.winds + 1, other.winds + 1
+        found = np.zeros((*z.shape[:-1], self.size))
+        wind = (other.slowness(z)[..., :1] - self.model.wind.slowness) / self.model.wind.slowness_sd
+        found[..., : self.winds] = np.clip(wind, -2, 2)
+        found[..., self.winds] = z[..., other.winds]
+        coefficients = z[..., its_level : its_level + its_root.shape[1]] @ its_root.T
+        found[..., level : level + root.shape[1]] = coefficients @ np.linalg.pinv(root).T
+        return found
+
     def slowness(self, z: FloatArray) -> FloatArray:
         """400 km/s over the speed of the wind in each part, shape (..., winds), within its limits."""
         prior = self.model.wind
@@ -340,33 +357,62 @@ class Track:
         by_range, by_turn = (
             distance / C_RSUN_S - delay_s * cosine for distance, cosine in (sight.by_range, sight.by_longitude)
         )
+        of_place = self.chained(z, range_rsun, basis, range_rsun * by_range, by_turn)
+        slopes = np.concatenate([of_place, by_turn[:, None]], axis=1)
+        slopes[:, self.winds] = self.model.delay.kappa_sd * rows.rise_s * (1 - sight.cosine)
+        if self.model.emission != "free":
+            self._add_beam(slopes, z, range_rsun, basis @ self._ln_range[1])
+        return slopes
+
+    def chained(
+        self, z: FloatArray, range_rsun: FloatArray, basis: FloatArray, by_log_range: FloatArray, by_turn: FloatArray
+    ) -> FloatArray:
+        """Derivatives with respect to z of what is a function of the place of the source.
+
+        Parameters
+        ----------
+        by_log_range, by_turn : ndarray, shape (B, N)
+            Its derivatives by ln r and by the longitude.
+
+        Returns
+        -------
+        ndarray, shape (B, P, N)
+        """
         turns = self.turns(range_rsun)
         limits = np.array([1.0, *self.model.knots_rsun, np.inf])
         part = np.clip(np.searchsorted(limits, range_rsun) - 1, 0, self.winds - 1)
         local = np.take_along_axis(self.slowness(z), part.reshape(len(z), -1), axis=1).reshape(part.shape)
-        by_log_range = range_rsun * (by_range - self.model.turn_per_rsun * local * by_turn)
-        slopes = np.empty((len(z), self.size + 1, rows.frequency_mhz.size))
+        along = by_log_range - self.model.turn_per_rsun * local * range_rsun * by_turn
+        root = self._ln_range[1]
+        slopes = np.zeros((len(z), self.size, by_turn.shape[1]))
         wind_sd = self.model.wind.slowness_sd * self.model.turn_per_rsun
         slopes[:, : self.winds] = -wind_sd * np.moveaxis(turns, 0, 1) * by_turn[:, None]
-        slopes[:, self.winds] = self.model.delay.kappa_sd * rows.rise_s * (1 - sight.cosine)
-        spline = basis @ self._ln_range[1]
-        slopes[:, self.winds + 1 : self.winds + 1 + spline.shape[1]] = by_log_range[:, None] * spline.T
-        slopes[:, self.winds + 1 + spline.shape[1] :] = 0.0
-        slopes[:, -1] = by_turn
-        if self.model.emission != "free":
-            self._add_beam(slopes, z, range_rsun, spline)
+        slopes[:, self.winds + 1 : self.winds + 1 + root.shape[1]] = along[:, None] * (basis @ root).T
         return slopes
 
     def _add_beam(self, slopes: FloatArray, z: FloatArray, range_rsun: FloatArray, spline: FloatArray) -> None:
-        """Add the derivatives of the travel of the beam, by differences: by the distance, by its own, by the wind."""
-        now = self.beam_s(z, range_rsun)
-        by_log_range = (self.beam_s(z, range_rsun * math.exp(STEP)) - now) / STEP
-        first, end = self.winds + 1, self.winds + 1 + spline.shape[1]
-        slopes[:, first:end] += by_log_range[:, None] * spline.T
-        for place in (*range(self.winds), *range(end, self.size)):
+        """Add the derivatives of the travel of the beam; only that by its slowing is a difference.
+
+        Of t(r) = Int_1^r x^d sqrt(1 + k^2 x^2) dx / v the derivative by ln r is g(r) = r^(1+d) sqrt(1 + k^2 r^2) / v,
+        and that by k is (g(r) - g(1) - (1 + d) t) / k, by parts.
+        """
+        now, end = self.beam_s(z, range_rsun), self.winds + 1 + spline.shape[1]
+        speed_c = BEAM_SPEED_C * np.exp(BEAM_LN_SD * z[:, end, None])
+        winding = self.model.turn_per_rsun * self.slowness(z).mean(axis=-1)[:, None]
+        exponent = np.ones((len(z), 1))
+        if self.model.emission == "slowing":
+            exponent = 1 + SLOWING + SLOWING_SD * z[:, end + 1, None]
             moved = z.copy()
-            moved[:, place] += STEP
-            slopes[:, place] += (self.beam_s(moved, range_rsun) - now) / STEP
+            moved[:, end + 1] += STEP
+            slopes[:, end + 1] = (self.beam_s(moved, range_rsun) - now) / STEP
+        by_log_range, at_the_sun = (
+            r**exponent * np.sqrt(1 + (winding * r) ** 2) / (speed_c * C_RSUN_S) for r in (range_rsun, 1.0)
+        )
+        by_winding = (by_log_range - at_the_sun - exponent * now) / winding
+        by_wind = self.model.turn_per_rsun * self.model.wind.slowness_sd / self.winds * by_winding
+        slopes[:, : self.winds] += by_wind[:, None]
+        slopes[:, self.winds + 1 : end] += by_log_range[:, None] * spline.T
+        slopes[:, end] = -BEAM_LN_SD * now
 
     def position_rsun(self, phi0_rad: FloatArray, z: FloatArray, range_rsun: FloatArray) -> FloatArray:
         """Position of the source, HEE, shape (..., F, 3)."""

@@ -21,9 +21,8 @@ from bella.units import FloatArray
 COARSE = 48
 """Longitudes of the first grid: 7.5 degrees apart."""
 
-Starts = Sequence[tuple[float, float]]
-STARTS: Starts = ((0.0, 0.0), (-1.5, 0.0), (1.5, 0.0))
-"""Distance and wind that Gauss-Newton begins with, in standard deviations of their priors."""
+STARTS = (0.0, -1.5, 1.5)
+"""Distances that Gauss-Newton begins with, in standard deviations of their prior."""
 
 KEPT = 14.0
 """Longitudes within so many nats of the best are looked at more closely: the others have less than 1e-5 in all."""
@@ -38,7 +37,7 @@ SHARE = 0.35
 """Spacing of the last grid over the standard deviation of the longitude."""
 
 FINEST_RAD = np.radians(0.02)
-FIRST_ITERATIONS, ITERATIONS, SMALL = 8, 40, 1e-2
+FIRST_ITERATIONS, NEAR_ITERATIONS, ITERATIONS, SMALL = 8, 3, 40, 1e-2
 LARGEST_STEP = 2.0
 KAPPA_NODES, KAPPA_SHARES = (-2.0, -1.2, 0.0, 1.2, 2.0), (0.05, 0.25, 0.4, 0.25, 0.05)
 """Delays that are propagated, in standard deviations, and their probabilities: a Gaussian, a little flatter, so that
@@ -74,6 +73,13 @@ class Nodes:
     def take(self, some: np.ndarray) -> "Nodes":
         """Some of the nodes."""
         return Nodes(self.phi0_rad[some], self.z[some], self.log_density[some], self.hessian[some])
+
+    def z_at(self, phi0_rad: FloatArray) -> FloatArray:
+        """Best parameters between the nodes, on straight lines, shape (..., P)."""
+        after = np.searchsorted(self.phi0_rad, phi0_rad) % self.phi0_rad.size
+        ahead = _wrapped(self.phi0_rad[after] - phi0_rad) % (2 * np.pi)
+        share = ahead / (_wrapped(self.phi0_rad[after] - self.phi0_rad[after - 1]) % (2 * np.pi))
+        return np.asarray(self.z[after] + share[:, None] * (self.z[after - 1] - self.z[after]))
 
     def and_also(self, other: "Nodes") -> "Nodes":
         """Both, by longitude."""
@@ -145,13 +151,13 @@ def climb(likelihood: Likelihood, phi0_rad: FloatArray, z: FloatArray, iteration
     return Nodes(phi0_rad, z, density, hessian)
 
 
-def around_the_circle(likelihood: Likelihood, starts: Starts = STARTS) -> Nodes:
+def around_the_circle(likelihood: Likelihood, near: Nodes | None = None) -> Nodes:
     """Nodes on the circle, close together where the posterior is.
 
     Parameters
     ----------
-    starts : sequence of (float, float)
-        Distances and winds to begin with, in standard deviations of their priors.
+    near : Nodes, optional
+        Of a density that is not far from this one, to begin with; without it the search begins at `STARTS`.
 
     Returns
     -------
@@ -159,34 +165,29 @@ def around_the_circle(likelihood: Likelihood, starts: Starts = STARTS) -> Nodes:
         By longitude, from -180 degrees.
     """
     phi0 = -np.pi + 2 * np.pi * np.arange(COARSE) / COARSE
-    track = likelihood.track
-    level = track.winds + 1
-    tried = []
-    for distance, wind in starts:
-        begin = np.zeros((COARSE, track.size))
-        begin[:, level], begin[:, 0] = distance, wind
-        tried.append(climb(likelihood, phi0, begin, FIRST_ITERATIONS))
-    nodes = _best(tried)
-    _fit_from_neighbours(likelihood, nodes)
+    if near is None:
+        begins = np.zeros((len(STARTS), COARSE, likelihood.track.size))
+        begins[:, :, likelihood.track.winds + 1] = np.array(STARTS)[:, None]
+        nodes = _best([climb(likelihood, phi0, begin, FIRST_ITERATIONS) for begin in begins])
+    else:
+        nodes = climb(likelihood, phi0, near.z_at(phi0), NEAR_ITERATIONS)
+    _fit_from_neighbours(likelihood, nodes, (0, 1, -1) if near is None else (0,))
     spacing = 2 * np.pi / COARSE
     while True:
         evidence = nodes.log_evidence
-        near = np.flatnonzero(evidence > evidence.max() - KEPT)
+        likely = evidence > evidence.max() - KEPT
         sd = _spread(nodes.phi0_rad, evidence)
         if spacing <= max(SHARE * sd, FINEST_RAD):
             return nodes
         spacing /= 3
-        more = np.concatenate([nodes.phi0_rad[near] + side * spacing for side in (-1, 1)])
-        start = np.concatenate([nodes.z[near]] * 2)
-        more, first = np.unique(np.round(_wrapped(more), 9), return_index=True)
-        fresh = np.abs(_wrapped(more[:, None] - nodes.phi0_rad)).min(axis=1) > 0.5 * spacing
-        nodes = nodes.and_also(climb(likelihood, more[fresh], start[first][fresh]))
+        more = np.unique(np.round(_wrapped(nodes.phi0_rad[likely, None] + spacing * np.array([-1, 1])), 9))
+        more = more[np.abs(_wrapped(more[:, None] - nodes.phi0_rad)).min(axis=1) > 0.5 * spacing]
+        nodes = nodes.and_also(climb(likelihood, more, nodes.z_at(more)))
 
 
-def _fit_from_neighbours(likelihood: Likelihood, nodes: Nodes) -> None:
+def _fit_from_neighbours(likelihood: Likelihood, nodes: Nodes, beside: tuple[int, ...]) -> None:
     """Fit the hopeful nodes to the end, and on from those that became better, until no neighbour gains."""
     changed = np.flatnonzero(nodes.log_evidence > nodes.log_evidence.max() - HOPEFUL)
-    beside: tuple[int, ...] = (0, 1, -1)
     while changed.size:
         target = np.concatenate([(changed + side) % COARSE for side in beside])
         found = climb(likelihood, nodes.phi0_rad[target], nodes.z[np.tile(changed, len(beside))])
@@ -252,17 +253,13 @@ def sample(likelihood: Likelihood, nodes: Nodes, number: int, rng: np.random.Gen
     return Draws(phi0, z, np.exp(log_weight - total), total - float(np.log(number)))
 
 
-def propagated(
-    likelihood: Likelihood, nodes: Nodes, starts: Starts, number: int, rng: np.random.Generator
-) -> tuple[Nodes, Draws]:
+def propagated(likelihood: Likelihood, nodes: Nodes, number: int, rng: np.random.Generator) -> tuple[Nodes, Draws]:
     """Posterior with the directional delay as it is before the data.
 
     Parameters
     ----------
     nodes : Nodes
         Of all delays together.
-    starts : sequence of (float, float)
-        As :func:`around_the_circle` takes them; the best of `nodes` is tried as well.
     number : int
         Of the draws.
 
@@ -275,13 +272,11 @@ def propagated(
     delay, place = track.model.delay, track.winds
     if not delay.kappa_sd > 0:
         return nodes, sample(likelihood, nodes, number, rng)
-    best = nodes.z[int(nodes.log_evidence.argmax())]
-    tried = (starts[0], (float(best[place + 1]), float(best[0])))
     each, drawn = [], []
     for turn, one in enumerate(KAPPA_NODES):
         fixed = replace(track.model, delay=replace(delay, kappa=delay.kappa + one * delay.kappa_sd, kappa_sd=0.0))
         part = replace(likelihood, track=replace(track, model=fixed))
-        around = around_the_circle(part, tried)
+        around = around_the_circle(part, _with_delay(nodes, place, one))
         share = (turn + 1) * number // len(KAPPA_NODES) - turn * number // len(KAPPA_NODES)
         some = sample(part, around, share, rng)
         if some.effective < LEAST_OF_A_DELAY:
@@ -296,6 +291,15 @@ def propagated(
         float(logsumexp([one.log_evidence for one in drawn], b=KAPPA_SHARES)),
     )
     return _mean_of(each), draws
+
+
+def _with_delay(nodes: Nodes, place: int, value: float) -> Nodes:
+    """Nodes moved to where their Gaussians have one delay, which is then no parameter any more."""
+    column = np.linalg.inv(nodes.hessian)[:, :, place]
+    moved = column / column[:, [place]] * (value - nodes.z[:, [place]])
+    z = nodes.z + np.clip(moved, -LARGEST_STEP, LARGEST_STEP)
+    z[:, place] = 0.0
+    return replace(nodes, z=z)
 
 
 def _mean_of(each: Sequence[Nodes]) -> Nodes:

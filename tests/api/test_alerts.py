@@ -1,11 +1,13 @@
 """Alerts over HTTP: the list, the stream of a real server, and the feed."""
 
 import json
+import shutil
 import socket
 import threading
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
+from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree as Xml
 
@@ -20,23 +22,30 @@ from api.serve import options
 from bella.catalogue import Catalogue
 from bella.records import Origin
 from bella.settings import Settings
-from tests.api.published import published, served, synthetic_burst
+from tests.api.published import published, served, settings_of, synthetic_burst
 from tests.plotting.synthetic import BURST_ID
 from tests.waiting import PATIENCE_S
 
 STREAM = "/api/v1/alerts/stream"
 
 
-@pytest.fixture
-def told(empty: Settings) -> Settings:
-    """Three alerts of real bursts, one of a test, one of a submission."""
-    with Catalogue.open(empty.catalogue_url) as catalogue:
-        published(empty, catalogue)
-        published(empty, catalogue, inputs_hash="b" * 64)
-        publish(empty, catalogue, "TEST-1", Origin.TEST)
-        publish(empty, catalogue, "S-1", Origin.SUBMISSION)
+@pytest.fixture(scope="module")
+def template(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Home folder with three alerts of real bursts, one of a test, one of a submission."""
+    settings = settings_of(tmp_path_factory.mktemp("told"))
+    with Catalogue.open(settings.catalogue_url, create=True) as catalogue:
+        published(settings, catalogue)
+        published(settings, catalogue, inputs_hash="b" * 64)
+        publish(settings, catalogue, "TEST-1", Origin.TEST)
+        publish(settings, catalogue, "S-1", Origin.SUBMISSION)
         catalogue.retract(BURST_ID, "interference")
-    return empty
+    return settings.home
+
+
+@pytest.fixture
+def told(template: Path, tmp_path: Path) -> Settings:
+    """A copy of it."""
+    return settings_of(Path(shutil.copytree(template, tmp_path / "home")))
 
 
 def publish(settings: Settings, catalogue: Catalogue, burst_id: str, origin: Origin) -> None:

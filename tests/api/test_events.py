@@ -44,6 +44,13 @@ def asked(client: TestClient, path: str) -> Any:
     return reply.json()
 
 
+def test_caches_keep_the_formats_of_the_list_apart(client: TestClient) -> None:
+    for media_type in ("application/json", "text/csv"):
+        reply = client.get("/api/v1/events", headers={"Accept": media_type})
+        assert reply.headers["content-type"].startswith(media_type)
+        assert "Accept" in reply.headers["vary"].split(", ")
+
+
 def test_events_of_a_burst_come_with_their_delays_and_the_lists(client: TestClient) -> None:
     reply = asked(client, f"bursts/{BURST_ID}/events")
     kinds = [one["kind"] for one in reply["events"]]

@@ -7,8 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from tests.commands import BELLA, Sandbox
-from tests.service_processes.processes import free_port
+from tests.commands import Sandbox
 
 HEADING = "observatory,frequency_mhz,arrival_utc,sigma_s,edge\n"
 GOOD = HEADING + "".join(
@@ -129,9 +128,9 @@ def test_bad_options_of_a_run_are_refused_in_one_line(
 
 def test_days_that_the_archive_did_not_answer_for_fail_the_run(sandbox: Sandbox) -> None:
     """Where Prefect runs it too: the run is a failed one, in its database and for the shell."""
-    silent = f"http://127.0.0.1:{free_port()}"
-    environment = {"BELLA_ARCHIVE_INTERVAL_S": "0.01"}
-    done = sandbox.run(BELLA, "run", "--from", "2021-02-01", "--archive", silent, "--json", code=1, **environment)
+    moved = sandbox.elsewhere[1] / "archive"  # none of the folders of the data sets is there any more
+    moved.mkdir()
+    done = sandbox.bella("run", "--from", "2021-02-01", "--archive", str(moved), "--json", code=1)
     (day,) = json.loads(done.stdout)
     assert (day["state"], day["answer"]) == ("archive silent", "archive silent")
     assert "WI_H1_WAV" in day["message"]

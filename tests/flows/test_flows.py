@@ -1,10 +1,11 @@
 """Prefect's part: which deployments there are, one run of each at a time, and errors in one line."""
 
+import json
 import os
 import subprocess
 import sys
 from concurrent.futures import ThreadPoolExecutor
-from pathlib import Path
+from datetime import UTC, datetime, timedelta
 from typing import Any
 
 import httpx
@@ -28,6 +29,7 @@ def deployments(settings: Settings) -> list[Any]:
 def test_every_deployment_runs_once_at_a_time_and_missed_runs_are_one() -> None:
     settings = Settings(schedule_s=7.0, days_schedule_s=11.0)
     assert set(serve.intervals_s(settings)) == NAMES
+    now = datetime.now(UTC)
     found = {one.flow_name: one for one in deployments(settings)}
     assert set(found) == NAMES
     for name, one in found.items():
@@ -37,16 +39,51 @@ def test_every_deployment_runs_once_at_a_time_and_missed_runs_are_one() -> None:
         assert one.concurrency_options.collision_strategy.value == "CANCEL_NEW"
         (schedule,) = one.schedules
         assert schedule.schedule.interval.total_seconds() == serve.intervals_s(settings)[name]
+        assert timedelta() < schedule.schedule.anchor_date - now < timedelta(minutes=1), "at once"
     assert serve.intervals_s(settings)["submissions"] == 7.0
     assert serve.intervals_s(settings)["days"] == 11.0
 
 
-def test_runs_of_a_worker_that_was_killed_are_ended_and_no_others(tmp_path: Path) -> None:
-    environment = {"PATH": os.environ["PATH"], "HOME": str(tmp_path), "BELLA_HOME": str(tmp_path / "home")}
-    code = [sys.executable, "-m", "tests.flows.dead_runs"]
+@pytest.fixture(scope="module")
+def with_prefect(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Any]:
+    home = tmp_path_factory.mktemp("prefect")
+    environment = {"PATH": os.environ["PATH"], "HOME": str(home), "BELLA_HOME": str(home / "home")}
+    code = [sys.executable, "-m", "tests.flows.prefect_runs"]
     done = subprocess.run(code, env=environment, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr
-    assert done.stdout.splitlines()[-2:] == ["submissions: CRASHED its worker was killed", "ingest: RUNNING None"]
+    return dict(json.loads(done.stdout.splitlines()[-1]))
+
+
+def test_runs_of_a_worker_that_was_killed_are_ended_and_no_others(with_prefect: dict[str, Any]) -> None:
+    assert with_prefect["ended"] == {
+        "submissions running": "CRASHED its worker was killed",
+        "submissions pending": "CRASHED its worker was killed",
+        "submissions cancelled": "CANCELLED None",
+        "ingest running": "RUNNING None",
+    }
+
+
+def test_a_task_is_tried_three_times_where_that_may_help_and_nothing_is_remembered(
+    with_prefect: dict[str, Any],
+) -> None:
+    assert with_prefect["tried"] == {"away twice": 3, "away": 3, "full": 1, "again": 2}
+    assert with_prefect["results"] == {
+        "away twice": 3,
+        "away": "the archive is away",
+        "full": "the disk is full",
+        "again": [1, 2],
+    }
+
+
+def test_a_worker_serves_all_but_what_needs_a_way_to_the_archives(with_prefect: dict[str, Any]) -> None:
+    assert set(with_prefect["served"]) == NAMES - {"ingest"}
+
+
+def test_a_watch_ends_before_the_next_one_asks_for_its_place(with_prefect: dict[str, Any]) -> None:
+    """Prefect asks ten seconds early; without recent days there is nothing to watch."""
+    ((lasts_s, every_s, workers),) = with_prefect["watched"]
+    assert (every_s, workers) == (600.0, 1)
+    assert 500.0 < lasts_s < every_s - 10.0
 
 
 def test_a_deployment_that_is_not_there_is_refused() -> None:

@@ -47,6 +47,8 @@ main()
 
 
 DRAWS = "500"
+a_second_preset = pytest.mark.acceptance
+"""The whole event once more; its published track and runs that are killed are tested without it, too."""
 
 
 @dataclass(frozen=True)
@@ -139,6 +141,7 @@ def test_answer_is_the_same_in_run_list_show_and_api(first_run: FirstRun) -> Non
         assert sentence in client.get(f"/bursts/{BURST}").text
 
 
+@a_second_preset
 def test_published_result_is_reproduced(as_published: AsPublished) -> None:
     """Canizares et al. (2024): 10-150 solar radii, phi0 30 +- 2 deg, v_sw 400 +- 20 km/s."""
     with closing(catalogue_of(as_published.sandbox)) as catalogue:
@@ -163,6 +166,7 @@ def test_published_result_is_reproduced(as_published: AsPublished) -> None:
     assert all(row.contraction_v > 0.99 for row in rows)
 
 
+@a_second_preset
 def test_joint_fit_agrees_with_the_paper_and_has_honest_errors(as_published: AsPublished) -> None:
     with closing(catalogue_of(as_published.sandbox)) as catalogue:
         found = [one for one in catalogue.versions(BURST) if one.series.preset == "bella-2024"]
@@ -243,7 +247,7 @@ def test_second_run_changes_nothing_and_draws_what_a_killed_run_did_not(first_ru
     )
     spectra.unlink()
     os.utime(constellation, (0, 0))
-    done = sandbox.bella("run", "--direct", "--json")
+    done = sandbox.here("run", "--direct", "--json")
     assert [row["new"] for row in json.loads(done.stdout)] == [False] * 4
     assert rows_of(sandbox) == before
     assert groups_of(sandbox) == groups
@@ -251,6 +255,7 @@ def test_second_run_changes_nothing_and_draws_what_a_killed_run_did_not(first_ru
     assert constellation.stat().st_mtime > 0
 
 
+@a_second_preset
 def test_killed_run_leaves_nothing_visible(as_published: AsPublished) -> None:
     """Killed after a posterior has its final name, before the commit that would make it visible."""
     assert as_published.killed.returncode == -9, as_published.killed.stderr
@@ -259,6 +264,7 @@ def test_killed_run_leaves_nothing_visible(as_published: AsPublished) -> None:
     assert as_published.rows_after_kill == rows_of(as_published.before)
 
 
+@a_second_preset
 def test_run_after_a_killed_one_finishes_another_series_and_leaves_the_answer_as_it_was(
     as_published: AsPublished,
 ) -> None:
@@ -283,6 +289,7 @@ def test_run_after_a_killed_one_finishes_another_series_and_leaves_the_answer_as
     ]
 
 
+@a_second_preset
 def test_two_runs_at_once_end_with_one_result(as_published: AsPublished) -> None:
     assert 0 in {one.returncode for one in as_published.both}
     for one in as_published.both:

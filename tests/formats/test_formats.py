@@ -52,7 +52,7 @@ def assert_same(table: RecordTable, found: dict[str, list[Any]], name: str) -> N
         np.testing.assert_array_equal(got, expected, err_msg=f"{name}: {column.name}")
 
 
-@settings(max_examples=25)
+@settings(max_examples=12)
 @given(tables())
 def test_all_formats_hold_the_same_numbers(table: RecordTable) -> None:
     for name in READERS:

@@ -38,7 +38,7 @@ def test_positions_lie_at_their_distance_and_turn_east_outwards() -> None:
 
 
 def test_a_beam_that_does_not_slow_down_travels_as_one_of_constant_speed() -> None:
-    np.testing.assert_allclose(slowing_travel_s(RANGE, 0.2, 0.0, 300.0), beam_travel_s(RANGE, 0.2, 300.0), rtol=1e-8)
+    np.testing.assert_allclose(slowing_travel_s(RANGE, 0.2, 0.0, 300.0), beam_travel_s(RANGE, 0.2, 300.0), rtol=1e-6)
 
 
 @pytest.mark.parametrize("exponent", [-0.4, 0.3, 0.9])
@@ -47,4 +47,4 @@ def test_travel_of_a_slowing_beam_is_the_sum_of_its_steps(exponent: float) -> No
     middle = np.sqrt(fine[1:] * fine[:-1])
     steps = np.diff(spiral_path_rsun(fine, 400.0)) / (0.2 * C_RSUN_S * middle**-exponent)
 
-    assert slowing_travel_s(np.array([AU_RSUN]), 0.2, exponent, 400.0)[0] == pytest.approx(steps.sum(), rel=1e-6)
+    assert slowing_travel_s(np.array([AU_RSUN]), 0.2, exponent, 400.0)[0] == pytest.approx(steps.sum(), rel=2e-6)

@@ -136,7 +136,7 @@ def test_a_covariance_given_to_the_door_is_the_one_of_the_grid() -> None:
     assert (constant["cov_xx_rsun2"] == localise(table_of(grid), preset="bella-2024", draws=10)["cov_xx_rsun2"]).all()
 
 
-@pytest.mark.parametrize("method", ["nuts", "tdoa"])
+@pytest.mark.parametrize("method", [pytest.param("nuts", marks=pytest.mark.acceptance), "tdoa"])
 def test_the_other_methods_take_covariance_and_delay(method) -> None:
     grid = correlated(grid_of(on_spiral(60), FOUR, 4.0 if method == "tdoa" else 25.0, noise=NOISE))
     whole = grid.measured_s2[0, :, 0]

@@ -64,6 +64,14 @@ def test_the_sampled_solution_says_so(pair) -> None:
     assert set(sampled.data_vars) == set(exact.data_vars)
 
 
+def test_a_model_is_compiled_once_for_all_frequencies_and_bursts(table, pair) -> None:
+    before = nuts_module._compiled.cache_info()
+    localise(table[table["frequency_mhz"] < 0.5], method="nuts", draws=2000)
+    after = nuts_module._compiled.cache_info()
+
+    assert (after.misses, after.hits) == (before.misses, before.hits + 1)
+
+
 def test_chains_that_disagree_are_an_error(table, monkeypatch) -> None:
     monkeypatch.setattr(nuts_module, "THRESHOLDS", replace(THRESHOLDS, fewest_sampled=10_000))
     one = table[table["frequency_mhz"] < 0.5]
@@ -71,6 +79,7 @@ def test_chains_that_disagree_are_an_error(table, monkeypatch) -> None:
         localise(one, method="nuts", draws=200)
 
 
+@pytest.mark.acceptance
 @pytest.mark.parametrize("seed", [2003, 3003, 5])
 def test_chains_agree_with_a_free_speed_wherever_they_start(seed) -> None:
     """With the emission time scattered over its prior, a chain was lost at a negative speed for one of these seeds."""

@@ -1,4 +1,4 @@
-"""Every option of the model in PyMC says what the exact posterior says."""
+"""Every option of the model in PyMC says what the exact posterior says; each of them is compiled anew."""
 
 from dataclasses import replace
 
@@ -6,10 +6,11 @@ import numpy as np
 import pytest
 
 from bella.multilateration import PRESETS, localise
-from bella.multilateration.nuts import _compiled
 from bella.multilateration.priors import Noise, Preset, Priors
 from tests.multilateration.geometry import FIVE, grid_of, on_spiral, table_of
 from tests.multilateration.test_space import SPREAD
+
+pytestmark = pytest.mark.acceptance
 
 NOISE = np.array([[0.5, -0.8, 0.3, 0.9, -0.4], [-1.0, 0.4, 0.9, -0.2, 0.6]])
 
@@ -58,14 +59,3 @@ def test_sampled_and_exact_agree(name) -> None:
     np.testing.assert_allclose(sampled["emission_sd_s"], exact["emission_sd_s"], rtol=share)
     np.testing.assert_allclose(sampled["above_c_probability"], exact["above_c_probability"], atol=0.04)
     np.testing.assert_allclose(sampled["bad_probability"], exact["bad_probability"], atol=0.04)
-
-
-def test_a_model_is_compiled_once_for_all_frequencies_and_bursts() -> None:
-    grid, preset, dimensions = CASES["nuisances, in space"]
-    before = _compiled.cache_info()
-    localise(table_of(grid), preset=preset, method="nuts", dimensions=dimensions, draws=2000)
-    localise(table_of(grid.take(np.array([1]))), preset=preset, method="nuts", dimensions=dimensions, draws=2000)
-    after = _compiled.cache_info()
-
-    assert after.misses - before.misses <= 1
-    assert after.hits - before.hits >= 2

@@ -6,6 +6,7 @@ import os
 import shutil
 import signal
 import subprocess
+from collections.abc import Iterator
 from contextlib import closing
 from dataclasses import dataclass
 from datetime import UTC, date, datetime, timedelta
@@ -40,7 +41,7 @@ from tests.waiting import until
 
 DAY, SEED = date(2021, 2, 1), 1
 BURSTS = tuple(burst_at(hour, DAY, phi0_deg=phi0) for hour, phi0 in ((4.0, 30.0), (9.0, 45.0)))
-"""As few as show what is tested: each costs the fits of three definitions of its edge."""
+"""As few as show what is tested: one is localised in the end, the other is received by two spacecraft alone."""
 DATASETS = (
     "WI_H1_WAV",
     "STEREO_LEVEL2_SWAVES",
@@ -52,11 +53,11 @@ DATASETS = (
 START, STOP = datetime(2021, 2, 1, tzinfo=UTC), datetime(2021, 2, 2, tzinfo=UTC)
 
 
-def archive_of(root: Path, seen_by_later_ones: int) -> Path:
-    """Archive with the day, of whose bursts the spacecraft whose data come months later see only the first ones."""
+def archive_of(root: Path) -> Path:
+    """Archive with the day, of whose bursts the spacecraft whose data come months later see only the first."""
     for number, dataset in enumerate(DATASETS):
         rng = np.random.default_rng([SEED, number])
-        what = sky(BURSTS[:seen_by_later_ones] if dataset.startswith(("PSP", "SOLO")) else BURSTS)
+        what = sky(BURSTS[:1] if dataset.startswith(("PSP", "SOLO")) else BURSTS)
         theirs = [one for one in instruments(dataset, DAY) if one.receiver.observatory in FLEET]
         write_spectra([observe_day(one, [what], DAY, rng) for one in theirs], dataset, DAY, root)
     return root
@@ -64,7 +65,7 @@ def archive_of(root: Path, seen_by_later_ones: int) -> Path:
 
 @pytest.fixture(scope="module")
 def archive(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    return archive_of(tmp_path_factory.mktemp("archive"), len(BURSTS))
+    return archive_of(tmp_path_factory.mktemp("archive"))
 
 
 def process(settings: Settings, archive: Path | None, workers: int = 1) -> DayOutcome:
@@ -110,7 +111,7 @@ def names(outcomes: tuple[object, ...]) -> set[str]:
 def test_bursts_of_a_day_are_localised_where_they_were(refined: Refined) -> None:
     assert (refined.late.state, refined.late.answer) == ("searched", "localised")
     assert set(refined.late.observatories) == {"WIND", "STEREO-A", "SOLO", "PSP"}
-    assert len(names(refined.late.localised)) == len(BURSTS)
+    assert len(names(refined.late.localised)) == len(names(refined.late.preliminary)) == 1
     with closing(Catalogue.open(refined.settings.catalogue_url)) as catalogue:
         for name in names(refined.late.localised):
             summary = catalogue.burst(name)
@@ -228,25 +229,43 @@ def test_files_of_the_next_day_make_no_new_version_of_bursts_that_do_not_reach_i
     assert {one.solution.solution_id for one in (*after.localised, *after.preliminary)} == known
 
 
-def test_a_day_that_is_overtaken_ends_after_its_step_and_is_not_recorded(archive: Path, tmp_path: Path) -> None:
-    settings = Settings(home=tmp_path / "home", in_situ=None, regions=None, draws=500)
+@dataclass
+class Overtaken:
+    """A home in which runs of the day ended early, since newer files had come, and its state and tracks after each."""
+
+    settings: Settings
+    states: list[str]
+    searched: list[Any]
+    tracks: list[list[dict[str, Any]]]
+
+
+def after(calls: int, asked: Iterator[int], _: DayFiles) -> bool:
+    """Whether a run is overtaken, which is not so at its first calls."""
+    return next(asked) >= calls
+
+
+@pytest.fixture(scope="module")
+def overtaken(archive: Path, tmp_path_factory: pytest.TempPathFactory) -> Overtaken:
+    """Overtaken at once, and after the first step of every burst."""
+    settings = Settings(home=tmp_path_factory.mktemp("overtaken"), in_situ=None, regions=None, draws=500)
     shutil.copytree(archive / "pub", settings.mirror_root / "pub")
-    files, asked = Mirror(settings).day(DAY), []
-
-    def after(calls: int, files: DayFiles) -> bool:
-        asked.append(files.day)
-        return len(asked) > calls
-
+    files, done = Mirror(settings).day(DAY), Overtaken(settings, [], [], [])
     for calls in (0, 1):
-        asked.clear()
-        run = Run(settings, "test", Workers(1, settings), is_overtaken=partial(after, calls))
-        assert process_day(files, (), run).state == OVERTAKEN
+        run = Run(settings, "test", Workers(1, settings), is_overtaken=partial(after, calls, iter(range(9))))
+        done.states.append(process_day(files, (), run).state)
         with closing(Catalogue.open(settings.catalogue_url)) as catalogue:
-            assert catalogue.searched_day(DAY, (Origin.SIMULATED,)) is None
+            done.searched.append(catalogue.searched_day(DAY, (Origin.SIMULATED,)))
             found = catalogue.bursts(BurstQuery(origins=frozenset(Origin))).bursts
-            tracks = [catalogue.track_fit(each.solution_id) for one in found for each in one.solutions]
-        assert len(found) == calls * len(BURSTS)
-        assert all(track["companions_pending"] for track in tracks)
+            done.tracks.append([catalogue.track_fit(each.solution_id) for one in found for each in one.solutions])
+    return done
+
+
+def test_a_day_that_is_overtaken_ends_after_its_step_and_is_not_recorded(overtaken: Overtaken) -> None:
+    assert overtaken.states == [OVERTAKEN] * 2
+    assert overtaken.searched == [None] * 2
+    assert [len(tracks) for tracks in overtaken.tracks] == [0, len(BURSTS)]
+    pending = [track["companions_pending"] for track in overtaken.tracks[1]]
+    assert sorted(pending) == [False, True], "a preliminary track stands alone"
 
 
 def test_pages_of_a_preliminary_and_a_final_burst_are_served(refined: Refined) -> None:
@@ -273,12 +292,25 @@ def contents(settings: Settings) -> dict[str, Any]:
     return found
 
 
-def test_results_are_the_same_whatever_the_workers_and_after_one_was_killed(tmp_path: Path) -> None:
-    """With Prefect and two processes, after a run of the command that was killed in the middle, and without either.
+@pytest.fixture(scope="module")
+def expected(overtaken: Overtaken) -> dict[str, Any]:
+    """Results of one process without Prefect, which finished the day after two runs that were overtaken."""
+    assert process(overtaken.settings, None).state == "searched"
+    return contents(overtaken.settings)
 
-    One burst is localised, the other has a preliminary track, which takes a tenth of the time.
-    """
-    archive = archive_of(tmp_path / "archive", 1)
+
+def test_results_are_the_same_from_two_processes(archive: Path, expected: dict[str, Any], tmp_path: Path) -> None:
+    settings = Settings(home=tmp_path, in_situ=None, regions=None, draws=500)
+    process(settings, archive, workers=2)
+    assert contents(settings) == expected
+    solutions = [one for key, one in expected.items() if key not in {"day", "detections"}]
+    assert {answer.tier for _, _, answer, *_ in solutions} == {"final", "preliminary"}
+
+
+@pytest.mark.acceptance  # seven processes, one of them with Prefect
+def test_results_are_the_same_with_prefect_after_a_run_that_was_killed(
+    archive: Path, expected: dict[str, Any], tmp_path: Path
+) -> None:
     sandbox = Sandbox.within(tmp_path)
     command = [BELLA, "run", "--from", f"{DAY}", "--archive", str(archive), "--workers", "2"]
     environment = sandbox.environment | {"BELLA_DRAWS": "500"}
@@ -295,12 +327,7 @@ def test_results_are_the_same_whatever_the_workers_and_after_one_was_killed(tmp_
 
     (day,) = json.loads(done.stdout)
     assert (day["state"], day["answer"]) == ("searched", "localised")
-    alone = Settings(home=tmp_path / "alone", in_situ=None, regions=None, draws=500)
-    process(alone, archive)
-    found = contents(home)
-    assert found == contents(alone)
-    solutions = [one for key, one in found.items() if key not in {"day", "detections"}]
-    assert {answer.tier for _, _, answer, *_ in solutions} == {"final", "preliminary"}
+    assert contents(home) == expected
     with closing(Catalogue.open(home.catalogue_url)) as catalogue:
         assert all((home.store_root / path).is_file() for path in catalogue.referenced_paths())
     assert sandbox.files_elsewhere() == []
@@ -313,6 +340,9 @@ def test_a_day_that_is_not_done_is_no_success() -> None:
         with pytest.raises(UnfinishedError, match=f"1 of 2 day is not done: 2021-02-01 {answer}") as caught:
             check_finished([fine, DayOutcome(DAY, str(answer), answer)])
         assert len(caught.value.outcomes) == 2
+    check_finished([DayOutcome(DAY, "archive silent", DayAnswer.ARCHIVE_SILENT)], is_asked_for=False)
+    with pytest.raises(UnfinishedError, match="not searchable"):
+        check_finished([DayOutcome(DAY, "not searchable", DayAnswer.NOT_SEARCHABLE)], is_asked_for=False)
     with pytest.raises(UnfinishedError, match="2 of 2 days are not done: 2021-02-01 the disk is full"):
         check_finished([DayOutcome(DAY, "failed", message="the disk is full")] * 2)
     with pytest.raises(UnfinishedError, match="a data set could not be asked for"):

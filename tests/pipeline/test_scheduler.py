@@ -7,6 +7,7 @@ import subprocess
 import sys
 import time
 from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -40,14 +41,15 @@ class Cluster:
         )
 
 
-@pytest.fixture
-def cluster(tmp_path: Path) -> Iterator[Cluster]:
+@contextmanager
+def started(folder: Path) -> Iterator[Cluster]:
+    """A scheduler without workers."""
     with socket.socket() as free:
         free.bind(("127.0.0.1", 0))
         port = free.getsockname()[1]
     command = [sys.executable, "-m", "distributed.cli.dask_scheduler", "--host", "127.0.0.1", "--port", f"{port}"]
     first = subprocess.Popen([*command, "--no-dashboard"], start_new_session=True)
-    made = Cluster(f"tcp://127.0.0.1:{port}", tmp_path, [first])
+    made = Cluster(f"tcp://127.0.0.1:{port}", folder, [first])
     until = time.monotonic() + LIMIT_S
     while socket.socket().connect_ex(("127.0.0.1", port)):
         assert time.monotonic() < until
@@ -57,6 +59,19 @@ def cluster(tmp_path: Path) -> Iterator[Cluster]:
         if one.poll() is None:
             os.killpg(one.pid, signal.SIGKILL)
             one.wait()
+
+
+@pytest.fixture
+def cluster(tmp_path: Path) -> Iterator[Cluster]:
+    with started(tmp_path) as made:
+        yield made
+
+
+@pytest.fixture(scope="module")
+def two_workers(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Cluster]:
+    with started(tmp_path_factory.mktemp("dask")) as made:
+        made.add_worker("--nthreads", "1", "--nworkers", "2")
+        yield made
 
 
 def settings_of(cluster: Cluster, tmp_path: Path) -> Settings:
@@ -70,25 +85,23 @@ def killed_once(marker: Path) -> int:
     return os.getpid()
 
 
-def test_workers_compute_in_order_and_one_that_is_killed_loses_nothing(cluster: Cluster, tmp_path: Path) -> None:
-    cluster.add_worker("--nthreads", "1", "--nworkers", "2")
-    with Workers(1, settings_of(cluster, tmp_path)) as workers:
+def test_workers_compute_in_order_and_one_that_is_killed_loses_nothing(two_workers: Cluster, tmp_path: Path) -> None:
+    with Workers(1, settings_of(two_workers, tmp_path)) as workers:
         assert workers.map(square, [(3,), (1,), (2,)]) == [9, 1, 4]
         with pytest.raises(NoDataError, match="nothing of 7"):
             workers.call(refuse, 7)
-        assert workers.call(os.getpid) not in {os.getpid(), *(one.pid for one in cluster.processes)}
+        assert workers.call(os.getpid) not in {os.getpid(), *(one.pid for one in two_workers.processes)}
         assert workers.call(os.getenv, "PREFECT_HOME") is not None, "each computes in the environment of the service"
         assert workers.call(killed_once, tmp_path / "marker") != os.getpid()
         assert (tmp_path / "marker").exists()
 
 
 def test_a_worker_of_another_version_is_refused(
-    cluster: Cluster, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    two_workers: Cluster, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    cluster.add_worker("--nthreads", "1")
     monkeypatch.setattr(scheduler.bella, "__version__", "99.0")
     with (
-        Workers(2, settings_of(cluster, tmp_path)) as workers,
+        Workers(2, settings_of(two_workers, tmp_path)) as workers,
         pytest.raises(InputError, match=r"of bella-service 99\.0"),
     ):
         workers.call(square, 2)
@@ -138,12 +151,12 @@ def test_a_home_that_workers_cannot_find_is_refused(monkeypatch: pytest.MonkeyPa
         workers.call(square, 2)
 
 
-def test_a_day_is_the_same_to_the_bit_by_workers_of_dask_and_without(cluster: Cluster, tmp_path: Path) -> None:
+@pytest.mark.acceptance  # a whole day twice
+def test_a_day_is_the_same_to_the_bit_by_workers_of_dask_and_without(two_workers: Cluster, tmp_path: Path) -> None:
     """One burst is localised, the other has a preliminary track: all that is sent to workers, and back."""
-    archive = archive_of(tmp_path / "archive", 1)
-    cluster.add_worker("--nthreads", "1", "--nworkers", "2")
+    archive = archive_of(tmp_path / "archive")
     found = []
-    for name, address in (("alone", ""), ("dask", cluster.address)):
+    for name, address in (("alone", ""), ("dask", two_workers.address)):
         settings = Settings(home=tmp_path / name, dask=address, in_situ=None, regions=None, draws=200)
         assert process(settings, archive, 2 if address else 1).answer is DayAnswer.LOCALISED
         found.append(contents(settings))

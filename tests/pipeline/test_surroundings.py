@@ -5,6 +5,7 @@ import shutil
 from contextlib import closing
 from dataclasses import replace
 from datetime import UTC, date, datetime
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -30,6 +31,8 @@ from tests.solar_wind.test_folder import hours
 
 SERIES = Series("half_maximum", "posterior", "default", 2)
 START = datetime(2012, 6, 7, 19, 20, tzinfo=UTC)
+TIMING = Timing(half_maximum_arrivals(np.array([0.5])))
+"""Arrival times that stay the same."""
 
 
 def folders(below: Path) -> Settings:
@@ -125,6 +128,35 @@ def test_new_wind_makes_a_new_version_and_the_same_wind_does_not(
     assert track["companions"]["wind"]["observatories"][2]["measured_km_s"] == 520.0
     (root / "regions" / "20120608SRS.txt").write_text(SUMMARY.replace("N15W36", "N15W37"))
     assert checksum_of(localised, settings) not in {first[1].inputs_hash, second.inputs_hash}
+
+
+def test_a_list_that_grows_by_a_day_makes_few_versions(settings: Settings) -> None:
+    """Those of the day after, then by five days, and the last one with the rotation; later hours change nothing."""
+    day, seen, of_days = START.date(), [], []
+    for after_d in range(1, 20):
+        hours(settings.home.parent / "in-situ" / "omni.lst", 480.0, (day - date(2012, 5, 1)).days + after_d)
+        seen.append(inputs_hash(TIMING, surroundings_of(START, settings).sources(), SERIES, settings))
+        of_days.append(day_digest(day, settings))
+    changes = [after_d for after_d, (one, other) in enumerate(pairwise(seen), 2) if one != other]
+    assert changes == [2, 7, 12, 15]
+    days = [after_d for after_d, (one, other) in enumerate(pairwise(of_days), 2) if one != other]
+    assert days == [2, 7, 12, 15], "the day is looked at again when a burst of it may change, and not before that"
+
+
+def test_wind_that_differs_where_a_burst_does_not_use_it_makes_no_version(settings: Settings) -> None:
+    path = settings.home.parent / "in-situ" / "omni.lst"
+
+    def checksum(number: str, speed: str) -> str:
+        lines = path.read_text().splitlines()
+        changed = [f"2012 {number} 5 {speed}" if line.startswith(f"2012 {number} 5 ") else line for line in lines]
+        path.write_text("".join(f"{line}\n" for line in changed))
+        return inputs_hash(TIMING, surroundings_of(START, settings).sources(), SERIES, settings)
+
+    before = checksum("200", "480")
+    assert checksum("144", "999") == before, "14.6 days before"
+    assert checksum("174", "999") == before, "14.4 days after"
+    inside = checksum("146", "999"), checksum("172", "999")
+    assert len({before, *inside}) == 3
 
 
 def test_nothing_measured_is_said_and_stops_nothing(

@@ -42,6 +42,7 @@ def burst_band(seed: int, scale: float) -> SpiralBand:
     return band_of(with_joint_draws(xr.Dataset(), fit_track(grid, draws=1000, seed=seed)))
 
 
+@pytest.mark.acceptance  # thirty fits
 def test_bands_of_simulated_bursts_hold_the_true_spiral_as_often_as_they_say() -> None:
     truth = spiral_longitude_deg(OUTWARD, 30.0, 400.0, PERIOD_D)
     held = dict.fromkeys(PERCENTS, 0.0)

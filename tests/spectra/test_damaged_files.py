@@ -116,7 +116,10 @@ def point_beyond_the_end(content: bytearray) -> None:
         point_beyond_the_end,
     ],
 )
-def test_lies_about_sizes_are_found_out(wind_l2: Path, damage: Callable[[bytearray], None], deep: None) -> None:
+def test_lies_about_sizes_are_found_out(
+    wind_l2: Path, damage: Callable[[bytearray], None], deep: None, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("bella.containers.bounded.LEAST_CPU_S", 1)  # on some of them the library hangs
     content = bytearray(wind_l2.read_bytes())
     damage(content)
     wind_l2.write_bytes(content)

@@ -1,5 +1,7 @@
 """Models with laws beside the one without, and what wave directions and a measured wind add."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -7,6 +9,8 @@ from bella.exceptions import InputError, NoDataError
 from bella.tracks import fit_track, measured_wind
 from bella.tracks.compare import COMPARED, compare_models, fused_companion, models_companion
 from bella.tracks.directions import DirectionTerms
+from bella.tracks.likelihood import Likelihood, evidence_of
+from bella.tracks.model import Track, TrackModel
 from tests.tracks.foreign import FREQUENCY_MHZ, THREE, Burst
 
 
@@ -31,7 +35,7 @@ def test_a_beam_that_slows_is_preferred_where_it_slows() -> None:
         constant = sum(p for name, p in share.items() if "constant speed" in name)
         slow = sum(p for name, p in share.items() if "slows down" in name)
 
-        assert len(ranked) == len(COMPARED) + 1
+        assert len({one.fit.record.model for one in ranked}) == len(COMPARED) + 1
         assert sum(share.values()) == pytest.approx(1.0)
         assert (slow > 20 * constant) == (slowing > 0), (slowing, share)
 
@@ -63,6 +67,22 @@ def test_directions_narrow_the_longitude_and_wrong_ones_are_found_out() -> None:
     assert wrong["ingredients"][0]["tension"] > 3.0
     assert "ingredients_disagree" in wrong["flags"]
     assert "ingredients_disagree" not in right["flags"]
+
+
+@pytest.mark.parametrize("turned_deg", [0.0, 5.0, 170.0])
+@pytest.mark.parametrize("shared_deg", [0.0, 3.0])
+def test_the_gradient_with_directions_is_that_of_the_density(turned_deg: float, shared_deg: float) -> None:
+    burst, rng = Burst(), np.random.default_rng(8)
+    evidence, terms = evidence_of(burst.arrivals(rng)), towards(burst, turned_deg)
+    track = Track(TrackModel("free", "slowing", knots_rsun=(25.0,)), (0.16, 1.9))
+    likelihood = Likelihood(track, evidence, replace(terms, shared_deg=shared_deg))
+    phi0, z = rng.uniform(-3, 3, 4), 0.5 * rng.standard_normal((4, track.size))
+    _, gradient = likelihood.normal_equations(likelihood.residual_s(phi0, z), phi0, z)
+    steps = 1e-5 * np.eye(track.size)
+    ends = [[likelihood.log_density(phi0, z + side * step) for step in steps] for side in (1, -1)]
+    expected = (np.array(ends[0]) - np.array(ends[1])).T / 2e-5
+
+    assert np.abs(gradient - expected).max(axis=0) == pytest.approx(0.0, abs=2e-4 * np.abs(expected).max())
 
 
 def test_a_measured_wind_narrows_the_wind_and_a_wrong_one_is_found_out() -> None:

@@ -47,7 +47,7 @@ def test_a_burst_without_noise_is_found_where_it_was() -> None:
     assert abs((release - np.datetime64("2012-06-07T19:30")) / np.timedelta64(1, "s")) < 10
 
 
-@pytest.mark.parametrize("slowing", [False, True])
+@pytest.mark.parametrize("slowing", [False, pytest.param(True, marks=pytest.mark.acceptance)])
 def test_intervals_hold_bursts_of_other_laws(slowing: bool) -> None:
     inside = {"phi0_deg": [], "v_sw_km_s": [], "beam_speed_c": []}  # type: ignore[var-annotated]
     wide, errors, misfit = [], [], []
@@ -115,6 +115,30 @@ def test_slopes_are_those_of_the_arrival_times() -> None:
             assert slopes[:, place] == pytest.approx(expected, abs=2e-3 * np.abs(expected).max())
         expected = (track.arrival_s(phi0 + step, z, rows) - track.arrival_s(phi0 - step, z, rows)) / (2 * step)
         assert slopes[:, -1] == pytest.approx(expected, rel=1e-4, abs=1e-3)
+
+
+def test_parameters_of_one_model_begin_another_where_it_has_the_same_track() -> None:
+    rng = np.random.default_rng(2)
+    free, broken, fast, power = (
+        Track(model, (0.16, 1.9))
+        for model in (
+            TrackModel(),
+            TrackModel(knots_rsun=(20.0,)),
+            TrackModel(wind=measured_wind(600.0, 100.0)),
+            TrackModel("power", "slowing"),
+        )
+    )
+    z = 0.5 * rng.standard_normal((3, free.size))
+    basis = free.basis(FREQUENCY_MHZ)
+    range_rsun = free.range_rsun(z, basis)
+    for other in (free, broken, fast):
+        found = other.nearest(free, z)
+        assert other.range_rsun(found, basis) == pytest.approx(range_rsun)
+        assert other.kappa(found) == pytest.approx(free.kappa(z))
+    assert broken.slowness(broken.nearest(free, z)) == pytest.approx(np.repeat(free.slowness(z), 2, axis=1))
+    straight = power.range_rsun(power.nearest(free, z), basis)
+    assert np.abs(np.log(straight / range_rsun)).max() < 0.3
+    assert power.nearest(free, z)[:, -2:] == pytest.approx(0.0)
 
 
 def test_arrival_times_are_light_travel_and_the_delay_aside() -> None:
@@ -375,6 +399,10 @@ def test_the_delay_is_propagated_and_not_measured() -> None:
     assert fit.record.noise.kappa.sd == pytest.approx(prior.kappa_sd, rel=0.15)
     # 0.25 is 1.5 deviations from its prior
     assert np.std(fit.draws["kappa"]) == pytest.approx(prior.kappa_sd, rel=0.15)
+    # of the five delays the outer ones have 5 % each, the next 25 %: a variance of 1.12, and these intervals
+    assert fit.record.noise.kappa.sd == pytest.approx(1.058 * prior.kappa_sd, rel=0.02)
+    for name, sds in (("q2_5", -2.0), ("q16", -1.2), ("q50", 0.0), ("q84", 1.2), ("q97_5", 2.0)):
+        assert getattr(fit.record.noise.kappa, name) == pytest.approx(prior.kappa + sds * prior.kappa_sd, abs=1e-3)
     assert holds(fit.record.beam_speed_c, 0.15)
 
 

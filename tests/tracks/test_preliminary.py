@@ -16,9 +16,9 @@ from scipy.stats import multivariate_t
 
 from bella.arrivals import ArrivalGrid, arrival_grid, check_arrivals, locate_receivers
 from bella.exceptions import InputError, NotPlacedError
-from bella.records import JointTrack
+from bella.records import Interval, JointTrack
 from bella.tracks import TrackRecipe, fit_preliminary, fit_table, level_of, preliminary_track, why_not_published
-from bella.tracks.preliminary import CELLS, _region, region_size_deg, separation_deg
+from bella.tracks.preliminary import CELLS, _region, _too_little, region_size_deg, separation_deg
 from bella.tracks.preliminary_model import ArrivalModel, range_prior, rows_of, search
 from benchmarks.preliminary import right_side, simulated
 
@@ -314,6 +314,53 @@ def test_what_says_little_is_not_published() -> None:
     alone = ArrivalGrid(grid.frequency_mhz, grid.observatories[:1], **one, reference_utc=grid.reference_utc, edge="x")
     assert "two spacecraft" in refusal(alone)
     assert "half of the circle" in refusal(replace(grid, shape_sd_s=2.0 * grid.rise_s))
+
+
+@pytest.mark.parametrize(("apart_deg", "refused"), [(9.7, True), (10.3, False)])
+def test_spacecraft_ten_degrees_apart_are_far_enough(apart_deg: float, refused: bool) -> None:
+    grid = burst(0)[1]
+    receiver = grid.receiver_rsun.copy()
+    angle = np.radians(apart_deg)
+    receiver[:, 0], receiver[:, 1] = [215.0, 0.0, 0.0], [215.0 * np.cos(angle), 215.0 * np.sin(angle), 0.0]
+    assert (_too_little(replace(grid, receiver_rsun=receiver)) is not None) is refused
+
+
+@pytest.mark.parametrize(
+    ("channels", "span", "refused"), [(8, 2.6, False), (7, 2.6, True), (8, 2.4, True), (20, 2.4, True)]
+)
+def test_eight_channels_over_a_factor_of_two_and_a_half_are_enough(channels: int, span: float, refused: bool) -> None:
+    grid = burst(0)[1].take(np.arange(channels))
+    given = replace(
+        grid,
+        frequency_mhz=np.geomspace(0.3, 0.3 * span, channels),
+        arrival_s=np.zeros((channels, 2)),
+        receiver_rsun=np.broadcast_to([[215.0, 0.0, 0.0], [0.0, 215.0, 0.0]], (channels, 2, 3)),
+    )
+    assert (_too_little(given) is not None) is refused
+
+
+@pytest.mark.parametrize(
+    ("size_deg", "widening", "refused"), [(179.0, 1.45, False), (181.0, 1.0, True), (90.0, 1.55, True)]
+)
+def test_half_of_the_circle_and_half_more_misfit_are_the_limits(
+    size_deg: float, widening: float, refused: bool
+) -> None:
+    parts = (
+        Interval(low=0.0, high=size_deg - 40.0, probability=0.7),
+        Interval(low=-60.0, high=-20.0, probability=0.25),
+    )
+    track = fitted(0).model_copy(update={"phi0_95": parts, "error_scale": np.sqrt(widening)})
+    assert (why_not_published(track) is not None) is refused
+
+
+def test_errors_are_widened_from_a_fifth_more_misfit_on() -> None:
+    grid = burst(5)[1]
+    wave = np.where(np.arange(grid.frequency_mhz.size) % 2, 1.0, -1.0)
+    tracks = [preliminary_track(later(grid, 0, size_s * wave)) for size_s in (2.25, 2.6)]
+    for track in tracks:
+        reduced = track.chi2 / track.freedom
+        assert track.error_scale**2 == pytest.approx(reduced if reduced > 1.2 else 1.0, rel=0.03)
+    assert [track.error_scale > 1.0 for track in tracks] == [False, True]
 
 
 def published_seed() -> int:

@@ -5,10 +5,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from bella.arrivals import SHAPE_LENGTH_LN_F, error_scale_s
 from bella.records import Parameter
 from bella.tracks.fit import is_no_spiral
-from bella.tracks.model import WindPrior
-from bella.tracks.quality import Quality, shared_band
+from bella.tracks.likelihood import Likelihood, evidence_of
+from bella.tracks.model import Track, TrackModel, WindPrior
+from bella.tracks.posterior import around_the_circle
+from bella.tracks.quality import Quality, _left_out, doubted, shared_band, without_outliers
 from tests.tracks.foreign import FOUR, Burst
 
 GOOD = Quality(
@@ -80,3 +83,41 @@ def test_only_winds_that_explain_more_than_fast_spirals_do_exclude_a_spiral(
     log = -0.5 * ((slowness - prior.slowness) / prior.slowness_sd) ** 2 - 0.5 * ((slowness - measured) / sd) ** 2
     weight = np.exp(log - log.max())
     assert is_no_spiral(400.0 / np.clip(slowness, 0.1, 3.0), weight / weight.sum(), prior) is expected
+
+
+def likelihood_of(late_s: dict[int, float], **noise: float) -> Likelihood:
+    """Times of a burst without noise, some of them late."""
+    grid = Burst().arrivals(receivers=FOUR, **noise)
+    times = grid.arrival_s.copy()
+    for row, by_s in late_s.items():
+        times[row, 1] += by_s
+    return Likelihood(Track(TrackModel(), (0.16, 1.9)), evidence_of(replace(grid, arrival_s=times)))
+
+
+@pytest.mark.parametrize(("sigmas", "dropped"), [(5.5, 0), (6.6, 1)])
+def test_a_time_six_errors_away_from_all_others_is_left_out(sigmas: float, dropped: int) -> None:
+    unit = likelihood_of({14: 10.0})
+    away = float(np.abs(_left_out(unit, around_the_circle(unit))).max()) / 10.0
+
+    assert without_outliers(likelihood_of({14: sigmas / away}))[2] == dropped
+
+
+def test_no_more_than_a_tenth_of_the_times_is_left_out() -> None:
+    spoilt = likelihood_of({row: 300.0 * (-1) ** row for row in range(20)})
+
+    assert without_outliers(spoilt)[2] == 12
+
+
+def test_doubted_errors_are_a_minute_apart_and_half_of_the_rise() -> None:
+    before = likelihood_of({})
+    seen = before.seen
+    added = doubted(before).seen.noise_s2 - seen.noise_s2
+    first, again = (np.flatnonzero(seen.observatory == 0)[place] for place in (0, -1))
+    other = np.flatnonzero(seen.observatory == 1)[0]
+    apart = np.log(seen.rows.frequency_mhz[again] / seen.rows.frequency_mhz[first])
+    scale = error_scale_s(seen.rows.rise_s)[[first, again]]
+
+    assert added[first, other] == 0.0
+    assert added[first, first] == pytest.approx(60.0**2 + (0.45 * scale[0]) ** 2 * (1 + 1 / 9))
+    shared = np.exp(-0.5 * (apart / SHAPE_LENGTH_LN_F) ** 2)
+    assert added[first, again] == pytest.approx(60.0**2 + 0.45**2 * scale[0] * scale[1] * shared)

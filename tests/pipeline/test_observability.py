@@ -8,7 +8,7 @@ import pytest
 from bella.exceptions import InputError
 from bella.multilateration.priors import find_preset
 from bella.multilateration.uncertainty_map import Receivers, exact_covariance
-from bella.pipeline.planning import DISTANCES_RSUN, LONGITUDES_DEG, predicted
+from bella.pipeline.observability import PLANNED_LONGITUDES_DEG, PLANNED_RSUN, predicted
 from bella.spacecraft import position
 
 DAY, FLEET = date(2013, 5, 13), ("WIND", "STEREO-A", "STEREO-B")
@@ -24,7 +24,7 @@ def test_sharp_regions_have_the_area_of_their_covariance() -> None:
     priors = find_preset("default").priors
     (covariance,) = exact_covariance(point, Receivers(FLEET, where, np.full(3, 4.0)), priors, processes=1)
     area = -2.0 * np.log(1.0 - 0.68) * np.pi * np.sqrt(np.linalg.det(covariance))
-    radius = found.row(distance)[LONGITUDES_DEG.index(longitude)]
+    radius = found.row(distance)[PLANNED_LONGITUDES_DEG.index(longitude)]
     assert radius == pytest.approx(np.sqrt(area / np.pi), rel=0.1)
     assert found.localisable
     assert found.missing == {}
@@ -33,9 +33,9 @@ def test_sharp_regions_have_the_area_of_their_covariance() -> None:
 def test_the_distance_of_the_frequency_is_one_of_the_rows() -> None:
     found = predicted(DAY, FLEET, 20.0, 0.2)
     assert found.frequency_rsun == pytest.approx(53.0, abs=5.0)  # Leblanc et al. (1998), plasma frequency 0.1 MHz
-    assert sorted({*DISTANCES_RSUN, found.frequency_rsun}) == list(found.distances_rsun)
+    assert sorted({*PLANNED_RSUN, found.frequency_rsun}) == list(found.distances_rsun)
     assert len(found.radius68_rsun) == len(found.distances_rsun)
-    assert {len(row) for row in found.radius68_rsun} == {len(LONGITUDES_DEG)}
+    assert {len(row) for row in found.radius68_rsun} == {len(PLANNED_LONGITUDES_DEG)}
 
 
 def test_larger_errors_make_larger_regions() -> None:
