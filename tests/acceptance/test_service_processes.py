@@ -62,6 +62,15 @@ def test_killed_worker_loses_nothing_and_doubles_nothing(running: Running) -> No
         assert [path for path in catalogue.referenced_paths() if not (running.home / "store" / path).is_file()] == []
 
 
+def test_api_answers_while_prefect_is_away_and_the_worker_catches_up(running: Running) -> None:
+    running.processes.kill("prefect")
+    assert EVENT.burst_id in running.bursts()
+    assert running.get("/health/api").status_code == 200
+    expected = running.submit(days_later=5)
+    running.start("prefect")
+    running.wait_for(expected)
+
+
 def test_backup_that_is_taken_while_the_service_runs_can_be_restored(running: Running, tmp_path: Path) -> None:
     programs = complete_postgres()
     if programs is None:

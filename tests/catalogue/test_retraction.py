@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import pytest
 
-from bella.catalogue import BurstQuery, Catalogue, Series
+from bella.catalogue import BurstQuery, Catalogue, Series, SolutionQuery
 from bella.exceptions import InputError, NoDataError
 from tests.catalogue.examples import burst, fitted, publication
 
@@ -34,6 +34,21 @@ def test_lists_hide_what_is_retracted_unless_asked(catalogue: Catalogue) -> None
     assert [one.burst.burst_id for one in catalogue.bursts().bursts] == ["T3-20120607-2100"]
     assert catalogue.bursts().total == 1
     assert catalogue.bursts(BurstQuery(with_retracted=True)).total == 2
+
+
+def test_a_list_of_solutions_hides_those_of_a_retracted_burst_unless_asked(catalogue: Catalogue) -> None:
+    catalogue.publish(publication())
+    catalogue.publish(publication(of=burst("T3-20120607-2100")))
+    catalogue.retract(BURST, "no burst")
+    shown, kept = (catalogue.solutions(SolutionQuery(with_retracted=one)).solutions for one in (False, True))
+    assert [one.burst_id for one in shown] == ["T3-20120607-2100"]
+    assert [one.burst_id for one in kept] == ["T3-20120607-2100", BURST]
+
+
+def test_a_burst_without_a_solution_that_stands_has_none_to_prefer(catalogue: Catalogue) -> None:
+    catalogue.retract(catalogue.publish(publication()).solution_id, "timed on interference")
+    with pytest.raises(NoDataError, match="has no solution: run it first"):
+        catalogue.prefer_by_rule(BURST)
 
 
 def test_what_is_published_later_does_not_undo_a_retraction(catalogue: Catalogue) -> None:

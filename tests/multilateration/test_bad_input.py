@@ -43,7 +43,7 @@ def refusal(error: BellaError) -> str:
 
 
 @pytest.mark.parametrize("choice", CHOICES, ids=NAMES)
-@pytest.mark.parametrize("sigma_s", [1e-9, 1e-3, 1.0, 1e4, 86_400.0])
+@pytest.mark.parametrize("sigma_s", [1e-9, pytest.param(1e-3, marks=pytest.mark.acceptance), 1.0, 1e4, 86_400.0])
 def test_any_error_is_answered(choice, sigma_s) -> None:
     answered(table_of(grid_of(on_spiral(75), FOUR, sigma_s)), **choice)
 

@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 
 from bella.exceptions import InputError, NoDataError
+from bella.records import JointTrack, Parameter
 from bella.tracks import fit_track, measured_wind
-from bella.tracks.compare import COMPARED, compare_models, fused_companion, models_companion
+from bella.tracks.compare import COMPARED, _weight, compare_models, fused_companion, models_companion
 from bella.tracks.directions import DirectionTerms
 from bella.tracks.likelihood import Likelihood, evidence_of
 from bella.tracks.model import Track, TrackModel
@@ -93,6 +94,23 @@ def test_a_measured_wind_narrows_the_wind_and_a_wrong_one_is_found_out() -> None
     assert right["ingredients"][0]["sd_ratio"]["v_sw_km_s"] < 0.6
     assert right["v_sw_km_s"]["q50"] == pytest.approx(430.0, abs=30.0)
     assert wrong["ingredients"][0]["tension"] > 3.0
+
+
+def test_what_moves_a_number_without_narrowing_it_counts_as_a_gain_of_three_tenths() -> None:
+    fit = fit_track(Burst().arrivals(np.random.default_rng(7)), draws=200)
+
+    def record(middle: float, sd: float) -> JointTrack:
+        number = Parameter(q16=middle - sd, q50=middle, q84=middle + sd, sd=sd)
+        return fit.record.model_copy(
+            update={"phi0_deg": number, "v_sw_km_s": Parameter(q16=300, q50=400, q84=500, sd=99)}
+        )
+
+    def tension(moved: float, sd: float) -> float:
+        after, before = (replace(fit, record=record(*one)) for one in ((moved, sd), (0.0, 1.0)))
+        return float(_weight("wind_prior", after, before)["tension"])
+
+    assert tension(0.6, 1.0) == pytest.approx(0.6 / 0.3)
+    assert tension(0.6, 0.8) == pytest.approx(0.6 / 0.6)
 
 
 def test_there_must_be_something_to_add_and_to_add_to() -> None:

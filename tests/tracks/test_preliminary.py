@@ -19,7 +19,7 @@ from bella.exceptions import InputError, NotPlacedError
 from bella.records import Interval, JointTrack
 from bella.tracks import TrackRecipe, fit_preliminary, fit_table, level_of, preliminary_track, why_not_published
 from bella.tracks.preliminary import CELLS, _region, _too_little, region_size_deg, separation_deg
-from bella.tracks.preliminary_model import ArrivalModel, range_prior, rows_of, search
+from bella.tracks.preliminary_model import FLAT_S2, ArrivalModel, Modes, belonging, range_prior, rows_of, search
 from benchmarks.preliminary import right_side, simulated
 
 LIGHT_RSUN_S, TURN_RAD_RSUN = 0.43092, 2.0 * np.pi / (25.38 * 86400) * 695_700 / 400.0
@@ -239,6 +239,32 @@ def test_one_bad_edge_is_left_out() -> None:
     moved = np.abs(np.subtract(track.phi0_probability, fitted(5).phi0_probability)).sum() / 2
     assert moved < 0.15
     assert track.error_scale < 1.2
+
+
+def left_out(late_s: np.ndarray) -> np.ndarray:
+    """Rows that do not belong to the others, of a burst whose best track fits exactly but for some late edges."""
+    model, phi0, z = model_of(5), np.array([0.3]), np.zeros((1, 9))
+    exact = replace(model.rows, arrival_s=model.delay_s(phi0, z)[0][0] + late_s)
+    best = Modes(phi0, z, np.zeros(1), np.eye(9)[None], np.zeros(1))
+    return np.flatnonzero(~belonging(ArrivalModel(exact, model.prior), best))
+
+
+def test_an_edge_four_errors_away_from_all_others_is_left_out() -> None:
+    model = model_of(5)
+    free = model.delay_s(np.array([0.3]), np.zeros((1, 9)))[1][:, 0]
+    inverse = np.linalg.inv(model.rows.covariance_s2 + FLAT_S2 + free.T @ free)
+    late_s = np.zeros(len(inverse))
+    late_s[9] = 1 / np.sqrt(inverse[9, 9])
+
+    assert left_out(3.9 * late_s).size == 0
+    assert left_out(4.1 * late_s).tolist() == [9]
+
+
+def test_a_tenth_of_the_edges_is_left_out_at_most() -> None:
+    rows = model_of(5).rows.arrival_s.size
+    late_s = np.where(np.arange(rows) % 3, 0.0, 500.0 * (-1) ** np.arange(rows))
+
+    assert left_out(late_s).size == int(np.ceil(0.1 * rows))
 
 
 def test_errors_are_widened_where_nothing_fits() -> None:
