@@ -272,7 +272,7 @@ def _summaries(values: dict[str, FloatArray], weight: FloatArray, track: Track) 
 
 
 def is_no_spiral(wind_km_s: FloatArray, weight: FloatArray, prior: WindPrior) -> bool:
-    """Whether winds so fast that hardly a spiral is left explain arrival times better than those of the fastest spirals.
+    """Whether winds so fast that hardly a spiral is left explain arrival times better than those of fast spirals.
 
     The prior of the wind does not matter: it is taken out of both.
 
