@@ -356,10 +356,13 @@ def _profile_timed(parts: Sequence[xr.Dataset]) -> TimedBurst:
 
 
 def _with_clock(timed: Timed, parts: Sequence[xr.Dataset]) -> Timed:
-    """The same with how well the times of samples are known."""
+    """The same with how well clocks and the times of samples are known.
+
+    Errors of the latter are smooth along frequency: channels near one another are visited in the same order.
+    """
     return replace(
         timed,
-        channel_sd_s=np.hypot(timed.channel_sd_s, np.concatenate([_own_time_sd_s(part) for part in parts])),
+        shape_sd_s=np.concatenate([_sample_time_sd_s(part) for part in parts]),
         offset_s=np.concatenate([np.full(part.sizes["frequency"], _offset_s(part)) for part in parts]),
     )
 
@@ -400,15 +403,8 @@ def _with_noise(
     return TimedBurst(edges, edge, kept, reference, collapsed)
 
 
-def _own_time_sd_s(spectrum: xr.Dataset) -> FloatArray:
-    """How much worse the sample times of each channel are known than those of most channels, s."""
-    sd = _sample_time_sd_s(spectrum)
-    return np.sqrt(np.maximum(sd**2 - np.median(sd) ** 2, 0.0))
-
-
 def _offset_s(spectrum: xr.Dataset) -> float:
-    clock = float(spectrum.attrs.get("time_uncertainty_s", 0.0))
-    return math.hypot(OFFSET_S, clock, float(np.median(_sample_time_sd_s(spectrum))))
+    return math.hypot(OFFSET_S, float(spectrum.attrs.get("time_uncertainty_s", 0.0)))
 
 
 def shared_frequencies_mhz(timed: TimedBurst, number: int = FREQUENCIES) -> FloatArray:

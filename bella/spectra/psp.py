@@ -29,6 +29,11 @@ SAME_RECORD = 0.25
 SAME_CHANNEL = 1e-3
 """Their channels may differ by this: the step between channels is 45 times as large."""
 
+LIKELY_SHARE = 3**-0.5
+"""Time that a record averages over, as a share of the step to the next. It is not stated: any from none to the whole
+step is as likely, and what counts for a light curve is the square, a third of that of the step.
+"""
+
 
 class Part(NamedTuple):
     """What one dipole recorded."""
@@ -64,7 +69,7 @@ def read_l2(cdf: CdfFile, receiver: str) -> tuple[xr.Dataset, ...]:
     InputError
         If the file is not of this product, or neither dipole was read.
     """
-    return (_sum_of_dipoles(cdf, receiver, "psp_fld_l2", "", "psd_v2_hz"),)
+    return (_averaged(_sum_of_dipoles(cdf, receiver, "psp_fld_l2", "", "psd_v2_hz")),)
 
 
 def read_l3(cdf: CdfFile, receiver: str) -> tuple[xr.Dataset, ...]:
@@ -91,7 +96,7 @@ def read_l3(cdf: CdfFile, receiver: str) -> tuple[xr.Dataset, ...]:
     fluxes = [f"psp_fld_l3_rfs_{receiver}_auto_averages_{dipole}_flux" for dipole in DIPOLES]
     whole = f"psp_fld_l3_rfs_{receiver}_PSD_FLUX"
     if cdf.first_with_records(whole, *fluxes) != whole:
-        return (_sum_of_dipoles(cdf, receiver, "psp_fld_l3", "_flux", "flux_w_m2_hz"),)
+        return (_averaged(_sum_of_dipoles(cdf, receiver, "psp_fld_l3", "_flux", "flux_w_m2_hz")),)
     suffix = f"{receiver}_auto_averages_{DIPOLES[0]}"
     frequency = cdf.first_with_data(cdf.attribute("DEPEND_1", whole), f"frequency_{suffix}")
     if not frequency:
@@ -101,7 +106,12 @@ def read_l3(cdf: CdfFile, receiver: str) -> tuple[xr.Dataset, ...]:
     flux = cdf.numbers(whole, 2)
     flux[flux <= 0.0] = np.nan
     origin = Origin(OBSERVATORY, receiver.upper(), "flux_w_m2_hz", cdf.name)
-    return (read_records(cdf, origin, whole, time, cdf.frequency_mhz(frequency, "Hz", HIGHEST_MHZ[receiver]), flux),)
+    channels_mhz = cdf.frequency_mhz(frequency, "Hz", HIGHEST_MHZ[receiver])
+    return (_averaged(read_records(cdf, origin, whole, time, channels_mhz, flux)),)
+
+
+def _averaged(spectrum: xr.Dataset) -> xr.Dataset:
+    return spectrum.assign_attrs(integration_s=LIKELY_SHARE * spectrum.attrs["integration_s"])
 
 
 def _sum_of_dipoles(cdf: CdfFile, receiver: str, prefix: str, ending: str, quantity: str) -> xr.Dataset:

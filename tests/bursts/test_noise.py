@@ -26,15 +26,15 @@ def truth_s(frequency_mhz: np.ndarray, number: int) -> np.ndarray:
     return emitted + (100.0, 220.0, 30.0)[number] + (-0.08, 0.05, 0.02)[number] * emitted
 
 
-def made(random: np.random.Generator, smooth: float = 0.0, channel: float = 0.0, sd_s: float = 0.5) -> Timed:
-    """Arrival times with noise in rise times of 30 s / f."""
+def made(random: np.random.Generator, smooth: float = 0.0, factor: float = 1.0, sd_s: float = 0.5) -> Timed:
+    """Arrival times with a smooth error in rise times of 30 s / f; channels err more than stated by a factor."""
     rise = 30.0 / FREQUENCY_MHZ
     apart = np.subtract.outer(np.log(FREQUENCY_MHZ), np.log(FREQUENCY_MHZ))
     root = np.linalg.cholesky(np.exp(-0.5 * (apart / 0.2) ** 2) + 1e-8 * np.eye(rise.size))
     times = [
         truth_s(FREQUENCY_MHZ, number)
         + smooth * rise * (root @ random.normal(size=rise.size))
-        + np.hypot(channel * rise, sd_s) * random.normal(size=rise.size)
+        + factor * sd_s * random.normal(size=rise.size)
         for number in range(3)
     ]
     every = 3 * rise.size
@@ -50,17 +50,41 @@ def made(random: np.random.Generator, smooth: float = 0.0, channel: float = 0.0,
     )
 
 
-@pytest.mark.parametrize(("smooth", "channel"), [(0.0, 0.0), (0.15, 0.0), (0.0, 0.1), (0.15, 0.1)])
-def test_noise_is_found_as_large_as_it_is(smooth: float, channel: float) -> None:
-    found = [estimate_noise(made(np.random.default_rng(seed), smooth, channel)) for seed in range(4)]
+@pytest.mark.parametrize(("smooth", "factor"), [(0.0, 1.0), (0.15, 1.0), (0.0, 4.0), (0.15, 4.0)])
+def test_noise_is_found_as_large_as_it_is(smooth: float, factor: float) -> None:
+    found = [estimate_noise(made(np.random.default_rng(seed), smooth, factor)) for seed in range(4)]
     assert np.median([one.shape_share for one in found]) == pytest.approx(smooth, abs=0.025 + 0.3 * smooth)
-    assert np.median([one.channel_share for one in found]) == pytest.approx(channel, abs=0.015 + 0.25 * channel)
+    assert np.median([one.channel_sd_s for one in found]) == pytest.approx(0.5 * factor, rel=0.25)
+
+
+@pytest.mark.parametrize("wrong", [slice(30, 34), slice(33, 37)])
+def test_channels_wrong_side_by_side_are_their_own_error_and_not_of_all(wrong: slice) -> None:
+    timed = made(np.random.default_rng(5), sd_s=0.5)
+    right = estimate_noise(timed)
+    off_s = np.array([8.0, 12.0, 9.0, 14.0])
+    timed.arrival_s[wrong] += off_s
+    found = estimate_noise(timed)
+    assert (found.channel_sd_s[wrong] > 0.35 * off_s).all()
+    others = np.ones(timed.arrival_s.size, dtype=bool)
+    others[wrong] = False
+    assert np.median(found.channel_sd_s[others] / right.channel_sd_s[others]) < 2.0
+    assert found.shape_share < right.shape_share + 0.02
+
+
+def test_errors_of_channels_that_differ_keep_their_ratio() -> None:
+    timed = made(np.random.default_rng(6), sd_s=0.5)
+    sure = replace(timed, channel_sd_s=np.where(timed.observatory == "WIND", 2.0, 0.5))
+    sure.arrival_s[sure.observatory == "WIND"] += 1.9 * np.random.default_rng(7).normal(size=FREQUENCY_MHZ.size)
+    found = estimate_noise(sure)
+    sd_s = {name: np.median(found.channel_sd_s[found.observatory == name]) for name in NAMES}
+    assert sd_s["WIND"] == pytest.approx(2.0, rel=0.3)
+    assert sd_s["PSP"] == pytest.approx(0.5, rel=0.3)
 
 
 def test_times_between_channels_are_true_within_their_errors() -> None:
     away = []
     for seed in range(6):
-        timed = estimate_noise(made(np.random.default_rng(seed), 0.1, 0.03))
+        timed = estimate_noise(made(np.random.default_rng(seed), 0.1, 1.5))
         along = at_frequencies(timed, np.geomspace(0.25, 2.0, 15))
         columns = noise_columns(along)
         sigma = np.sqrt(columns["sigma_s"] ** 2 + columns["shape_sd_s"] ** 2 + columns["offset_sd_s"] ** 2)
@@ -72,7 +96,7 @@ def test_times_between_channels_are_true_within_their_errors() -> None:
 
 
 def test_a_table_is_surer_than_its_channels_but_not_of_what_they_share() -> None:
-    timed = estimate_noise(made(np.random.default_rng(3), 0.1, 0.0, sd_s=4.0))
+    timed = estimate_noise(made(np.random.default_rng(3), 0.1, sd_s=4.0))
     along = noise_columns(at_frequencies(timed, FREQUENCY_MHZ[5:-5]))
     channels = noise_columns(timed.take(np.flatnonzero(np.isin(timed.frequency_mhz, FREQUENCY_MHZ[5:-5]))))
     assert (along["sigma_s"] < 0.8 * channels["sigma_s"]).all()

@@ -90,11 +90,13 @@ def test_averages_of_one_or_two_sweeps_are_no_means_of_a_minute(band_mhz: tuple[
     assert 0.6 < pull.std() < 1.4
 
 
-def test_what_all_channels_share_of_it_is_an_offset_of_the_spacecraft() -> None:
+def test_errors_of_sample_times_are_smooth_along_frequency() -> None:
     one = by_minute(minutes(snapshots(1, SWEEP_S), 1))
-    timed = time_burst([one], HALF_RISE)
+    noise, known = (time_burst([spectrum], HALF_RISE).noise for spectrum in (one, one.drop_vars("sample_time_sd_s")))
 
-    assert timed.noise.offset_s[0] == pytest.approx(np.hypot(OFFSET_S, 5.68), abs=0.01)
+    assert (noise.shape_sd_s >= 5.68).all()
+    assert np.median(known.shape_sd_s) < 4.0
+    np.testing.assert_allclose(noise.offset_s, OFFSET_S)
 
 
 @pytest.mark.parametrize(

@@ -192,7 +192,10 @@ def test_psp_l2_with_one_dipole_says_so(tmp_path: Path) -> None:
     path = tmp_path / "psp_fld_l2_rfs_lfr_20200711_v03.cdf"
     archive_files.write_psp_l2(path, utc, np.geomspace(10.5e3, 1.69e6, 64), {"ch1_V3V4": values(20, 64, 1e-15)})
 
-    assert only(path).attrs["dipoles"] == "V3V4"
+    spectrum = only(path)
+    assert spectrum.attrs["dipoles"] == "V3V4"
+    # the square of what a record averages over is the mean of all that it may be, from none to the step of 56 s
+    assert spectrum.attrs["integration_s"] ** 2 == pytest.approx(np.mean(np.linspace(0, 56, 1001) ** 2), rel=1e-3)
 
 
 def test_psp_l2_doubles_what_one_dipole_read_alone(tmp_path: Path) -> None:
