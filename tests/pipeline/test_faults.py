@@ -25,7 +25,6 @@ from bella.pipeline.workers import Workers
 from bella.settings import Settings
 from tests.archive.server import cdf
 from tests.pipeline.disks import small_disk_at
-from tests.waiting import until
 
 DAY = date(2012, 6, 7)
 SIZE_BYTES = 24_000_000
@@ -72,17 +71,16 @@ def fill(place: Path, left: int) -> Path:
 
 
 @pytest.mark.parametrize("left", [16_384, 400_000])
-def test_a_full_disk_leaves_a_submission_waiting_and_a_later_run_finishes_it(small_disk: Path, left: int) -> None:
-    settings = submitted(small_disk / "home").model_copy(update={"lease_s": 10.0})
+def test_a_full_disk_leaves_a_submission_waiting_and_the_next_run_finishes_it(small_disk: Path, left: int) -> None:
+    settings = submitted(small_disk / "home")
     filler = fill(small_disk, left)
     with pytest.raises(StoreError) if left < 100_000 else nullcontext():
         assert process_submissions(run_of(settings)) == 0
     filler.unlink()
     assert waiting(settings) == 1
 
-    # where no byte was left to say so, the lease of the first run ends with its time
-    until(lambda: process_submissions(run_of(settings)) == 1, pause_s=1.0)
-
+    # also where no byte was left to write that the lease of the first run ended
+    assert process_submissions(run_of(settings)) == 1
     assert waiting(settings) == 0
     with closing(Catalogue.open(settings.catalogue_url)) as catalogue:
         (burst,) = catalogue.bursts().bursts
