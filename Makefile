@@ -15,7 +15,7 @@ serve: .venv/runtime  ## API and pages on http://127.0.0.1:8000
 	$(BIN)/bella serve
 
 test: .venv/test  ## Everything that must hold, without a network
-	$(BIN)/pytest -n 3 --dist loadfile --no-loadscope-reorder
+	$(BIN)/pytest -n 2 --dist loadfile --no-loadscope-reorder
 
 acceptance: .venv/test  ## What takes longer: whole services, replays, many seeds, long sampling
 	$(BIN)/pytest -n 2 --dist loadfile --no-loadscope-reorder -m acceptance
