@@ -64,11 +64,22 @@ def test_channels_wrong_side_by_side_are_their_own_error_and_not_of_all(wrong: s
     off_s = np.array([8.0, 12.0, 9.0, 14.0])
     timed.arrival_s[wrong] += off_s
     found = estimate_noise(timed)
-    assert (found.channel_sd_s[wrong] > 0.35 * off_s).all()
+    assert ((found.channel_sd_s[wrong] > 0.35 * off_s) & (found.channel_sd_s[wrong] < 0.7 * off_s)).all()
     others = np.ones(timed.arrival_s.size, dtype=bool)
     others[wrong] = False
     assert np.median(found.channel_sd_s[others] / right.channel_sd_s[others]) < 2.0
     assert found.shape_share < right.shape_share + 0.02
+
+
+def test_a_smooth_error_of_one_that_is_known_is_none_of_the_others() -> None:
+    timed = made(np.random.default_rng(8), sd_s=0.5)
+    own = timed.observatory == "STEREO-A"
+    apart = np.subtract.outer(np.log(FREQUENCY_MHZ), np.log(FREQUENCY_MHZ))
+    root = np.linalg.cholesky(np.exp(-0.5 * (apart / 0.2) ** 2) + 1e-8 * np.eye(FREQUENCY_MHZ.size))
+    timed.arrival_s[own] += 6.0 * root @ np.random.default_rng(9).normal(size=FREQUENCY_MHZ.size)
+    told = replace(timed, shape_sd_s=np.where(own, 6.0, 0.0))
+    assert estimate_noise(timed).shape_sd_s[~own].min() > 1.0
+    assert np.median(estimate_noise(told).shape_sd_s[~own]) < 0.6
 
 
 def test_errors_of_channels_that_differ_keep_their_ratio() -> None:

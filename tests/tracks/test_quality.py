@@ -72,6 +72,8 @@ def test_the_shared_band_is_where_a_third_spacecraft_was_timed(received: int) ->
         (1.0, 100.0, WindPrior(0.5, 0.4), False),  # nor here, though winds above 1500 km/s have 0.28 beforehand
         (0.45, 0.16, WindPrior(0.5, 0.4), False),  # a fast wind, with 0.13
         (0.30, 0.16, WindPrior(), False),  # 1300 km/s fit as well as faster ones
+        (0.15, 0.16, WindPrior(), False),  # three times less well, as for half-maximum edges of 2012-06-07
+        (0.08, 0.16, WindPrior(), True),  # five times less well
         (-0.3, 0.16, WindPrior(), True),  # the longitude grows with distance
         (0.0, 0.10, WindPrior(), True),  # it stays
     ],
