@@ -32,9 +32,8 @@ _MESSAGE_LENGTH = 2000
 BEATS = 3
 """Renewals in the time of a lease: one that fails, because the database is away, leaves time for another."""
 
-_HELD_HERE: set[str] = set()
-"""Tokens of the leases that this process works under: one whose end could not be written does not block it."""
-
+_ENDED_HERE: set[str] = set()
+"""Tokens of leases that this process has ended but could not write so: they do not keep it from going on."""
 
 log = structlog.get_logger(__name__)
 
@@ -104,9 +103,11 @@ class Lease:
         bool
             False where another run had taken it over; its row is left alone.
         """
-        _HELD_HERE.discard(self.token)
         line = message.partition("\n")[0][:_MESSAGE_LENGTH]
-        return self._change(state=state, message=line, ended_utc=_now())
+        _ENDED_HERE.add(self.token)
+        is_mine = self._change(state=state, message=line, ended_utc=_now())
+        _ENDED_HERE.discard(self.token)
+        return is_mine
 
     def _change(self, **values: object) -> bool:
         mine = (_TABLE.c.token == self.token) & (_TABLE.c.state == RUNNING)
@@ -203,7 +204,6 @@ def acquire(engine: Engine, stage: str, subject: str, run_id: str, duration_s: f
     now = _now()
     expires = now + timedelta(seconds=duration_s)
     values = _row(stage, subject, run_id, now, expires)
-    _HELD_HERE.add(values["token"])
     with writing(engine) as connection:
         if insert_ignoring(connection, _TABLE, values | {"attempts": 1}):
             return Lease(engine, stage, subject, run_id, values["token"], 1, expires)
@@ -268,12 +268,11 @@ def is_held(row: Row[tuple[object, ...]], now: datetime) -> bool:
     Returns
     -------
     bool
-        False where it ended, expired, its process on this host is gone, or is this one and does not hold it any more.
+        False where it ended, expired, or its process on this host is gone.
     """
-    if row.state != RUNNING or row.expires_utc <= now:
+    if row.state != RUNNING or row.expires_utc <= now or row.token in _ENDED_HERE:
         return False
-    owner = Owner(row.host, row.pid, row.process_start)
-    return not is_gone(owner) and (owner != this_process() or row.token in _HELD_HERE)
+    return not is_gone(Owner(row.host, row.pid, row.process_start))
 
 
 def is_gone(owner: Owner) -> bool:
