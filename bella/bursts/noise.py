@@ -39,7 +39,8 @@ the stated errors are the same to a tenth.
 """
 
 WEIGHT_STEPS, NOISE_ROUNDS = 4, 3
-"""Steps of the errors of single channels, and rounds of these with the errors that all have: more change nothing."""
+"""Steps of the errors of single channels, and rounds of these with the errors that all have: with twice as many rounds
+the pulls of simulated bursts are the same to 0.02."""
 
 SHAPE_LENGTH_LN_F = 0.2
 """Correlation length of the smooth error in ln f. Of 0.1 to 0.5 the two real events prefer it, by 3 to 16 in ln L."""

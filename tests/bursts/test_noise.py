@@ -6,8 +6,11 @@ import numpy as np
 import pytest
 
 from bella.bursts.noise import (
+    MOST_FOR_NOISE,
     OUTLIER_SD,
+    STARTS,
     Timed,
+    _Misfit,
     at_frequencies,
     estimate_noise,
     noise_columns,
@@ -69,6 +72,28 @@ def test_channels_wrong_side_by_side_are_their_own_error_and_not_of_all(wrong: s
     others[wrong] = False
     assert np.median(found.channel_sd_s[others] / right.channel_sd_s[others]) < 2.0
     assert found.shape_share < right.shape_share + 0.02
+
+
+def test_large_errors_of_all_are_not_taken_for_those_of_many_channels() -> None:
+    timed = made(np.random.default_rng(2), 0.3, 9.0)
+    thin = timed.take(spread_channels(timed, MOST_FOR_NOISE))
+    small, large = (_Misfit.of(thin).settled(start)[0].shape for start in STARTS)
+    assert small < 0.2
+    assert large == pytest.approx(0.3, abs=0.05)
+    assert estimate_noise(timed).shape_share > 0.22
+
+
+def test_channels_that_nothing_else_tells_of_are_widened_as_students_t_has_it() -> None:
+    away_s, channel_s2 = np.array([0.0, 1.0, 3.0, 10.0]), np.array([1.0, 4.0, 1.0, 1.0])
+    alone = _Misfit(away_s, np.zeros((4, 4)), np.zeros((4, 4)), channel_s2)
+    expected = (4.0 + away_s**2 / channel_s2) / 5.0
+    np.testing.assert_allclose(alone.widening(STARTS[0]._replace(factor=1.0), np.ones(4)), expected)
+
+
+def test_no_time_is_known_better_than_the_table_states() -> None:
+    found = estimate_noise(made(np.random.default_rng(10), sd_s=0.0))
+    assert (found.channel_sd_s >= 0.05).all()
+    assert np.median(found.channel_sd_s) < 0.25
 
 
 def test_a_smooth_error_of_one_that_is_known_is_none_of_the_others() -> None:
