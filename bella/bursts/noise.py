@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
-from scipy.linalg import block_diag, cho_factor, cho_solve, cholesky, solve_triangular
+from scipy.linalg import cho_factor, cho_solve, cholesky, solve_triangular
 
 from bella.arrivals import error_scale_s, evenly_spread
 from bella.exceptions import NoDataError
@@ -19,10 +19,10 @@ from bella.units import FloatArray
 
 BoolArray = npt.NDArray[np.bool_]
 
-SHAPE_SHARES = np.geomspace(0.002, 0.4, 12)
+SHAPE_SHARES = np.geomspace(0.0005, 0.4, 14)
 """Smooth errors on trial, in rise times of the burst; beforehand all are as likely.
 
-Simulated bursts have about 0.006, the real bursts of 2012-06-07 and 2020-07-21 have 0.1.
+Simulated bursts have 0.002 to 0.006, the real bursts of 2012-06-07 and 2020-07-21 have 0.1.
 """
 
 FIT_FACTORS = np.geomspace(0.7, 12.0, 8)
@@ -56,8 +56,8 @@ DIFFERENCE_S, DIFFERENCE_SD_S, DIFFERENCE_LENGTH = 300.0, 5.0, 0.7
 belongs to a frequency: a cubic with coefficients of this size, s, and what is left about it, with its length in halves
 of the time that the burst takes."""
 
-FINE, FINE_LENGTH_LN_F = 0.08, 0.25
-"""Small bends of t(f) of one spacecraft, in rise times, and their length in ln f."""
+CURVE_SD_S = 0.05
+"""What times between channels leave uncertain at each frequency on its own: a curve is not perfectly smooth."""
 
 ALONG_ERROR, ALONG_LEAST_S = 0.06, 0.3
 """Errors of channels about t(f) for finding outliers, in rise times and s."""
@@ -74,8 +74,9 @@ MOST_CHANNELS = 40
 MOST_FOR_NOISE = 28
 """The same for estimating the noise: its share is then good to a quarter, in a fifth of the time."""
 
-OFFSET_S = 0.15
-"""Timing offset of a spacecraft beside its clock and its sample times: what simulated bursts leave."""
+OFFSET_S = 0.05
+"""Timing offset of a spacecraft beside its clock and its sample times: simulated bursts need none, and with three times
+as much their stated errors are too large by a third."""
 
 WIDTH_ERROR = 0.4
 """Error of the edge of a spacecraft, in rise times, over the spread of ln width between the spacecraft: light curves
@@ -86,7 +87,7 @@ bursts with widths by spacecraft and direction have 0.1 to 1, with a median of 0
 UNRESOLVED_WIDTHS = 0.03
 """Spread of ln width that the fit leaves where light curves do not differ: 0.01 to 0.035 in 8 of 10 clean bursts."""
 
-LEAST_SIGMA_S = 0.1
+LEAST_SIGMA_S = 0.05
 """Independent error that the table gives every time at least."""
 
 PER_CHANNEL = (
@@ -166,11 +167,6 @@ def _smooth(frequency_mhz: FloatArray, size_s: FloatArray, length_ln_f: float) -
     return np.asarray(np.outer(size_s, size_s) * np.exp(-0.5 * (apart / length_ln_f) ** 2))
 
 
-def _fine(timed: Timed) -> FloatArray:
-    """Prior covariance of the small bends."""
-    return _smooth(timed.frequency_mhz, FINE * timed.rise_s, FINE_LENGTH_LN_F)
-
-
 def _free(terms: list[FloatArray], size_s: float) -> FloatArray:
     basis = np.stack(terms, axis=-1)
     return np.asarray(size_s**2 * basis @ basis.T)
@@ -182,30 +178,40 @@ def _beam(frequency_mhz: FloatArray) -> FloatArray:
     return _free([np.ones_like(x), np.log(x), np.sqrt(x), x, 0.2 * x**2], BROAD_S)
 
 
-def _emission(timed: Timed) -> FloatArray:
-    """Prior covariance of the time of emission."""
-    size_s = np.full(timed.frequency_mhz.size, WAVE_SHARE * np.ptp(timed.arrival_s))
-    return np.asarray(_beam(timed.frequency_mhz) + _smooth(timed.frequency_mhz, size_s, WAVE_LENGTH))
+def _emission(frequency_mhz: FloatArray, span_s: float) -> FloatArray:
+    """Prior covariance of the time of emission, for a burst that takes so long."""
+    wave = _smooth(frequency_mhz, np.full(frequency_mhz.size, WAVE_SHARE * span_s), WAVE_LENGTH)
+    return np.asarray(_beam(frequency_mhz) + wave)
 
 
-def _curve(timed: Timed) -> FloatArray:
-    """Prior covariance of t(f) of one spacecraft."""
-    return np.asarray(_emission(timed) + _fine(timed))
+def _curves(timed: Timed, between: Timed | None = None) -> FloatArray:
+    """Prior covariance of t(f): common to all spacecraft, and a difference that is smooth in the time of emission.
 
+    Parameters
+    ----------
+    timed : Timed, N rows
+    between : Timed, M rows, optional
+        Rows that have no arrival time yet; they come after the others.
 
-def _difference(timed: Timed) -> FloatArray:
-    """Prior covariance of t(f) of one spacecraft less the common one: smooth in the time of emission."""
-    same = timed.observatory[:, None] == timed.observatory
-    log_f, x = np.log(timed.frequency_mhz), 1.0 / timed.frequency_mhz
-    common = _emission(timed)
+    Returns
+    -------
+    ndarray, shape (N + M, N + M)
+    """
+    rows = (timed,) if between is None else (timed, between)
+    frequency_mhz, observatory = (
+        np.concatenate([getattr(one, name) for one in rows]) for name in ("frequency_mhz", "observatory")
+    )
+    same = observatory[:, None] == observatory
+    log_f, x = np.log(frequency_mhz), 1.0 / frequency_mhz
+    common = _emission(frequency_mhz, float(np.ptp(timed.arrival_s)))
     own = np.where(same, _free([np.ones_like(x), log_f, x], DIFFERENCE_S), 0.0)
-    away = timed.arrival_s - timed.arrival_s.mean()
+    away, known = timed.arrival_s - timed.arrival_s.mean(), timed.arrival_s.size
     noise = np.diag(timed.channel_sd_s**2 + (ALONG_ERROR * timed.rise_s) ** 2 + ALONG_LEAST_S**2)
-    emitted = common @ np.linalg.solve(common + own + noise, away)
-    along = 2.0 * (emitted - emitted.min()) / np.ptp(emitted) - 1.0
+    emitted = common[:, :known] @ np.linalg.solve((common + own)[:known, :known] + noise, away)
+    along = 2.0 * (emitted - emitted[:known].min()) / np.ptp(emitted[:known]) - 1.0
     apart = np.subtract.outer(along, along)
     smooth = DIFFERENCE_SD_S**2 * np.exp(-0.5 * (apart / DIFFERENCE_LENGTH) ** 2)
-    return np.where(same, _free([along**power for power in range(4)], DIFFERENCE_S) + smooth, 0.0)
+    return common + np.where(same, _free([along**power for power in range(4)], DIFFERENCE_S) + smooth, 0.0)
 
 
 def width_spread(timed: Timed) -> float:
@@ -294,7 +300,7 @@ class _Misfit:
     @classmethod
     def of(cls, timed: Timed) -> "_Misfit":
         same = timed.observatory[:, None] == timed.observatory
-        expected = _emission(timed) + _fine(timed) + _difference(timed) + timed.shared_s @ timed.shared_s.T
+        expected = _curves(timed) + timed.shared_s @ timed.shared_s.T
         known, shape = (
             _smooth(timed.frequency_mhz, size_s, SHAPE_LENGTH_LN_F)
             for size_s in (timed.shape_sd_s, error_scale_s(timed.rise_s))
@@ -369,7 +375,7 @@ def outliers(timed: Timed) -> BoolArray:
         part = timed.take(rows)
         noise = part.channel_sd_s**2 + (ALONG_ERROR * part.rise_s) ** 2 + ALONG_LEAST_S**2
         kept = np.arange(rows.size)
-        inverse = np.linalg.inv(_curve(part) + np.diag(noise))
+        inverse = np.linalg.inv(_emission(part.frequency_mhz, float(np.ptp(part.arrival_s))) + np.diag(noise))
         for _ in range(int(MOST_OUTLIERS * rows.size)):
             values = part.arrival_s[kept] - part.arrival_s[kept].mean()
             # leave-one-out residual over its standard deviation (Sundararajan & Keerthi 2001)
@@ -386,7 +392,7 @@ def outliers(timed: Timed) -> BoolArray:
 
 
 def at_frequencies(timed: Timed, frequency_mhz: FloatArray) -> Timed:
-    """Arrival times at frequencies between the channels: a Gaussian process along each spacecraft.
+    """Arrival times at frequencies between the channels: one Gaussian process for all spacecraft.
 
     Parameters
     ----------
@@ -403,45 +409,38 @@ def at_frequencies(timed: Timed, frequency_mhz: FloatArray) -> Timed:
     NoDataError
         If no spacecraft has a channel near any of the frequencies.
     """
-    parts, blocks = [], []
-    for name in dict.fromkeys(timed.observatory):
-        part = timed.take(np.flatnonzero(timed.observatory == name))
-        part = part.take(spread_channels(part))
-        asked = frequency_mhz[_between_neighbours(part.frequency_mhz, frequency_mhz)]
-        if not asked.size:
-            continue
-        order, channels = np.argsort(part.frequency_mhz), part.frequency_mhz.size
-        rise, shape = (
-            np.interp(np.log(asked), np.log(part.frequency_mhz[order]), values[order])
-            for values in (part.rise_s, part.shape_sd_s)
-        )
-        both = replace(
-            part,
-            frequency_mhz=np.concatenate([part.frequency_mhz, asked]),
-            rise_s=np.concatenate([part.rise_s, rise]),
-        )
-        prior = _curve(both)
-        noisy = prior[:channels, :channels] + np.diag(part.channel_sd_s**2)
-        weight = cho_solve(cho_factor(noisy), prior[:channels, channels:]).T
-        middle = part.arrival_s.mean()
-        parts.append(
-            replace(
-                part,
-                observatory=np.full(asked.size, name, dtype=object),
-                frequency_mhz=asked,
-                arrival_s=middle + weight @ (part.arrival_s - middle),
-                rise_s=rise,
-                channel_sd_s=np.zeros(asked.size),
-                shared_s=weight @ part.shared_s,
-                offset_s=np.full(asked.size, part.offset_s[0]),
-                shape_sd_s=shape,
-            )
-        )
-        blocks.append(prior[channels:, channels:] - weight @ prior[:channels, channels:])
-    if not parts:
+    channels = timed.take(spread_channels(timed))
+    rows = _rows_between(channels, frequency_mhz)
+    if not rows.frequency_mhz.size:
         raise NoDataError("no spacecraft has edges near the frequencies of the table: widen the band or the time")
+    prior, known = _curves(channels, rows), channels.frequency_mhz.size
+    noisy = prior[:known, :known] + np.diag(channels.channel_sd_s**2)
+    weight = cho_solve(cho_factor(noisy), prior[:known, known:]).T
+    middle = channels.arrival_s.mean()
+    return replace(
+        rows,
+        arrival_s=middle + weight @ (channels.arrival_s - middle),
+        shared_s=weight @ channels.shared_s,
+        correlated_s2=prior[known:, known:] - weight @ prior[:known, known:],
+    )
+
+
+def _rows_between(channels: Timed, frequency_mhz: FloatArray) -> Timed:
+    """Rows at the frequencies that each spacecraft has channels around, without arrival times."""
+    parts = []
+    for name in dict.fromkeys(channels.observatory):
+        part = channels.take(np.flatnonzero(channels.observatory == name))
+        asked = frequency_mhz[_between_neighbours(part.frequency_mhz, frequency_mhz)]
+        order = np.argsort(part.frequency_mhz)
+        along = {
+            values: np.interp(np.log(asked), np.log(part.frequency_mhz[order]), getattr(part, values)[order])
+            for values in ("rise_s", "shape_sd_s", "offset_s")
+        }
+        nearest = part.take(np.zeros(asked.size, dtype=np.intp))
+        none = np.full(asked.size, CURVE_SD_S)
+        parts.append(replace(nearest, frequency_mhz=asked, channel_sd_s=none, **along))
     joined: dict[str, Any] = {name: np.concatenate([getattr(one, name) for one in parts]) for name in PER_CHANNEL}
-    return replace(timed, **joined, correlated_s2=block_diag(*blocks))
+    return replace(channels, **joined)
 
 
 def _between_neighbours(channels_mhz: FloatArray, frequency_mhz: FloatArray) -> npt.NDArray[np.bool_]:
@@ -453,20 +452,57 @@ def _between_neighbours(channels_mhz: FloatArray, frequency_mhz: FloatArray) -> 
     return np.asarray(inside & (above <= WIDEST_HOLE * below))
 
 
-def _smooth_share(timed: Timed) -> FloatArray:
+def _smooth_share(timed: Timed, own_s2: FloatArray) -> FloatArray:
     """Share of the variance of interpolated times that is smooth along frequency, from what neighbours share."""
     share = np.zeros(timed.frequency_mhz.size)
-    log_f, deviation = np.log(timed.frequency_mhz), np.sqrt(np.diag(timed.correlated_s2))
+    log_f, deviation = np.log(timed.frequency_mhz), np.sqrt(np.diag(own_s2))
     for name in dict.fromkeys(timed.observatory):
         rows = np.flatnonzero(timed.observatory == name)
         rows = rows[np.argsort(log_f[rows])]
         before, after = rows[:-1], rows[1:]
         if not before.size:
             continue
-        common = timed.correlated_s2[before, after] / np.maximum(deviation[before] * deviation[after], LEAST_SIGMA_S**2)
+        common = own_s2[before, after] / np.maximum(deviation[before] * deviation[after], LEAST_SIGMA_S**2)
         expected = np.exp(-0.5 * ((log_f[after] - log_f[before]) / SHAPE_LENGTH_LN_F) ** 2)
         share[rows] = np.clip(np.median(common / expected), 0.0, 1.0)
     return share
+
+
+def _own_variance(timed: Timed) -> tuple[FloatArray, FloatArray]:
+    """Variance of each row that differences between spacecraft have of errors that rows share.
+
+    Returns
+    -------
+    variance_s2 : ndarray, shape (N,)
+        The sum of those of two spacecraft is that of the difference of their times; by least squares for more than
+        three.
+    own_s2 : ndarray, shape (N, N)
+        Covariance of the errors less their mean over the spacecraft at each frequency.
+    """
+    names, log_f = list(dict.fromkeys(timed.observatory)), np.log(timed.frequency_mhz)
+    total = timed.shared_s @ timed.shared_s.T + (timed.correlated_s2 if timed.correlated_s2.size else 0.0)
+    at = np.zeros((len(names), log_f.size, log_f.size))
+    has = np.zeros((len(names), log_f.size), dtype=bool)
+    for number, name in enumerate(names):
+        rows = np.flatnonzero(timed.observatory == name)
+        rows = rows[np.argsort(log_f[rows])]
+        has[number] = (log_f >= log_f[rows[0]] - 1e-9) & (log_f <= log_f[rows[-1]] + 1e-9)
+        for row in rows:
+            at[number, :, row] = np.interp(log_f, log_f[rows], (rows == row).astype(float))
+    at *= has[:, :, None]
+    own = np.eye(log_f.size) - at.sum(axis=0) / has.sum(axis=0)[:, None]
+    between = np.einsum("mij,jk,nik->imn", at, total, at, optimize=True)
+    variance = np.diag(total).copy()
+    for row, (covariance, present) in enumerate(zip(between, has.T, strict=True)):
+        number = int(present.sum())
+        if number < 2:
+            continue
+        some = covariance[np.ix_(present, present)]
+        apart = np.add.outer(np.diag(some), np.diag(some)) - 2.0 * some
+        every = apart.sum() / (2.0 * (number - 1))
+        which = int(np.flatnonzero(present).searchsorted(names.index(timed.observatory[row])))
+        variance[row] = every / 2.0 if number == 2 else (apart[which].sum() - every) / (number - 2)
+    return np.maximum(variance, 0.0), own @ total @ own.T
 
 
 def noise_columns(timed: Timed) -> dict[str, FloatArray]:
@@ -480,25 +516,11 @@ def noise_columns(timed: Timed) -> dict[str, FloatArray]:
     dict of str to ndarray, shape (N,)
         ``sigma_s``, ``shape_sd_s``, ``offset_sd_s``, ``delay_sd_s`` and ``rise_s``.
     """
-    names = list(dict.fromkeys(timed.observatory))
-    log_f = np.log(timed.frequency_mhz)
-    own = timed.shared_s.copy()
-    if len(names) > 1:
-        common = np.zeros_like(own)
-        for name in names:
-            rows = np.flatnonzero(timed.observatory == name)
-            rows = rows[np.argsort(log_f[rows])]
-            for column in range(own.shape[1]):
-                common[:, column] += np.interp(log_f, log_f[rows], timed.shared_s[rows, column]) / len(names)
-        own = (own - common) * np.sqrt(len(names) / (len(names) - 1))
-    shape = (own**2).sum(axis=1) + timed.shape_sd_s**2
-    alone = timed.channel_sd_s**2
-    if timed.correlated_s2.size:
-        smooth = np.diag(timed.correlated_s2) * _smooth_share(timed)
-        alone, shape = alone + np.diag(timed.correlated_s2) - smooth, shape + smooth
+    variance, own_s2 = _own_variance(timed)
+    smooth = variance * (_smooth_share(timed, own_s2) if timed.correlated_s2.size else 1.0)
     return {
-        "sigma_s": np.sqrt(np.maximum(alone, LEAST_SIGMA_S**2)),
-        "shape_sd_s": np.sqrt(shape),
+        "sigma_s": np.sqrt(np.maximum(timed.channel_sd_s**2 + variance - smooth, LEAST_SIGMA_S**2)),
+        "shape_sd_s": np.sqrt(smooth + timed.shape_sd_s**2),
         "offset_sd_s": timed.offset_s,
         "delay_sd_s": timed.width_share * timed.rise_s,
         "rise_s": timed.rise_s,
