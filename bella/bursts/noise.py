@@ -100,6 +100,7 @@ PER_CHANNEL = (
     "offset_s",
     "shape_sd_s",
 )
+SMOOTH = ("frequency_mhz", "shape_sd_s")
 WIDEST_HOLE = 2.0
 """Ratio of neighbouring channels with an arrival time up to which times between them are given: over a wider hole the
 times of a burst are not as smooth as the process takes them to be.
@@ -413,7 +414,11 @@ def at_frequencies(timed: Timed, frequency_mhz: FloatArray) -> Timed:
     rows = _rows_between(channels, frequency_mhz)
     if not rows.frequency_mhz.size:
         raise NoDataError("no spacecraft has edges near the frequencies of the table: widen the band or the time")
-    prior, known = _curves(channels, rows), channels.frequency_mhz.size
+    # what is smooth within a spacecraft is followed, whether it is true or an error, and stays in `shape_sd_s`
+    followed = [np.concatenate([getattr(one, name) for one in (channels, rows)]) for name in ("observatory", *SMOOTH)]
+    prior = _curves(channels, rows)
+    prior += np.where(followed[0][:, None] == followed[0], _smooth(*followed[1:], SHAPE_LENGTH_LN_F), 0.0)
+    known = channels.frequency_mhz.size
     noisy = prior[:known, :known] + np.diag(channels.channel_sd_s**2)
     weight = cho_solve(cho_factor(noisy), prior[:known, known:]).T
     middle = channels.arrival_s.mean()
