@@ -100,7 +100,6 @@ PER_CHANNEL = (
     "offset_s",
     "shape_sd_s",
 )
-SMOOTH = ("frequency_mhz", "shape_sd_s")
 WIDEST_HOLE = 2.0
 """Ratio of neighbouring channels with an arrival time up to which times between them are given: over a wider hole the
 times of a burst are not as smooth as the process takes them to be.
@@ -154,12 +153,19 @@ class Timed:
 
     def covariance_s2(self) -> FloatArray:
         """Full covariance, shape (N, N)."""
-        same = self.observatory[:, None] == self.observatory
-        smooth = _smooth(self.frequency_mhz, self.shape_sd_s, SHAPE_LENGTH_LN_F) + np.outer(
-            self.offset_s, self.offset_s
-        )
-        alone = np.diag(self.channel_sd_s**2) + (self.correlated_s2 if self.correlated_s2.size else 0.0)
-        return np.asarray(alone + np.where(same, smooth, 0.0) + self.shared_s @ self.shared_s.T)
+        own = _shape(self, self.shape_sd_s) + _of_one(self, np.outer(self.offset_s, self.offset_s))
+        between = self.shared_s @ self.shared_s.T + (self.correlated_s2 if self.correlated_s2.size else 0.0)
+        return np.asarray(np.diag(self.channel_sd_s**2) + own + between)
+
+
+def _of_one(timed: Timed, covariance_s2: FloatArray) -> FloatArray:
+    """A covariance within each spacecraft, and none between them."""
+    return np.where(timed.observatory[:, None] == timed.observatory, covariance_s2, 0.0)
+
+
+def _shape(timed: Timed, size_s: FloatArray) -> FloatArray:
+    """Covariance of an error that is smooth along frequency within each spacecraft."""
+    return _of_one(timed, _smooth(timed.frequency_mhz, size_s, SHAPE_LENGTH_LN_F))
 
 
 def _smooth(frequency_mhz: FloatArray, size_s: FloatArray, length_ln_f: float) -> FloatArray:
@@ -185,34 +191,23 @@ def _emission(frequency_mhz: FloatArray, span_s: float) -> FloatArray:
     return np.asarray(_beam(frequency_mhz) + wave)
 
 
-def _curves(timed: Timed, between: Timed | None = None) -> FloatArray:
+def _curves(timed: Timed, known: int | None = None) -> FloatArray:
     """Prior covariance of t(f): common to all spacecraft, and a difference that is smooth in the time of emission.
 
     Parameters
     ----------
-    timed : Timed, N rows
-    between : Timed, M rows, optional
-        Rows that have no arrival time yet; they come after the others.
-
-    Returns
-    -------
-    ndarray, shape (N + M, N + M)
+    known : int, optional
+        Rows after so many have no arrival time yet.
     """
-    rows = (timed,) if between is None else (timed, between)
-    frequency_mhz, observatory = (
-        np.concatenate([getattr(one, name) for one in rows]) for name in ("frequency_mhz", "observatory")
-    )
-    same = observatory[:, None] == observatory
-    log_f, x = np.log(frequency_mhz), 1.0 / frequency_mhz
-    common = _emission(frequency_mhz, float(np.ptp(timed.arrival_s)))
-    own = np.where(same, _free([np.ones_like(x), log_f, x], DIFFERENCE_S), 0.0)
-    away, known = timed.arrival_s - timed.arrival_s.mean(), timed.arrival_s.size
-    noise = np.diag(timed.channel_sd_s**2 + (ALONG_ERROR * timed.rise_s) ** 2 + ALONG_LEAST_S**2)
-    emitted = common[:, :known] @ np.linalg.solve((common + own)[:known, :known] + noise, away)
+    arrival_s, log_f, x = timed.arrival_s[:known], np.log(timed.frequency_mhz), 1.0 / timed.frequency_mhz
+    common = _emission(timed.frequency_mhz, float(np.ptp(arrival_s)))
+    own = common + _of_one(timed, _free([np.ones_like(x), log_f, x], DIFFERENCE_S))
+    noise = (timed.channel_sd_s**2 + (ALONG_ERROR * timed.rise_s) ** 2)[:known] + ALONG_LEAST_S**2
+    emitted = common[:, :known] @ np.linalg.solve(own[:known, :known] + np.diag(noise), arrival_s - arrival_s.mean())
     along = 2.0 * (emitted - emitted[:known].min()) / np.ptp(emitted[:known]) - 1.0
     apart = np.subtract.outer(along, along)
     smooth = DIFFERENCE_SD_S**2 * np.exp(-0.5 * (apart / DIFFERENCE_LENGTH) ** 2)
-    return common + np.where(same, _free([along**power for power in range(4)], DIFFERENCE_S) + smooth, 0.0)
+    return common + _of_one(timed, _free([along**power for power in range(4)], DIFFERENCE_S) + smooth)
 
 
 def width_spread(timed: Timed) -> float:
@@ -300,16 +295,11 @@ class _Misfit:
 
     @classmethod
     def of(cls, timed: Timed) -> "_Misfit":
-        same = timed.observatory[:, None] == timed.observatory
-        expected = _curves(timed) + timed.shared_s @ timed.shared_s.T
-        known, shape = (
-            _smooth(timed.frequency_mhz, size_s, SHAPE_LENGTH_LN_F)
-            for size_s in (timed.shape_sd_s, error_scale_s(timed.rise_s))
-        )
+        known = _shape(timed, timed.shape_sd_s) + _of_one(timed, np.outer(timed.offset_s, timed.offset_s))
         return cls(
             timed.arrival_s - timed.arrival_s.mean(),
-            expected + np.where(same, np.outer(timed.offset_s, timed.offset_s) + known, 0.0),
-            np.where(same, shape, 0.0),
+            _curves(timed) + timed.shared_s @ timed.shared_s.T + known,
+            _shape(timed, error_scale_s(timed.rise_s)),
             timed.channel_sd_s**2,
         )
 
@@ -414,11 +404,9 @@ def at_frequencies(timed: Timed, frequency_mhz: FloatArray) -> Timed:
     rows = _rows_between(channels, frequency_mhz)
     if not rows.frequency_mhz.size:
         raise NoDataError("no spacecraft has edges near the frequencies of the table: widen the band or the time")
+    known, both = channels.frequency_mhz.size, _joined([channels, rows])
     # what is smooth within a spacecraft is followed, whether it is true or an error, and stays in `shape_sd_s`
-    followed = [np.concatenate([getattr(one, name) for one in (channels, rows)]) for name in ("observatory", *SMOOTH)]
-    prior = _curves(channels, rows)
-    prior += np.where(followed[0][:, None] == followed[0], _smooth(*followed[1:], SHAPE_LENGTH_LN_F), 0.0)
-    known = channels.frequency_mhz.size
+    prior = _curves(both, known) + _shape(both, both.shape_sd_s)
     noisy = prior[:known, :known] + np.diag(channels.channel_sd_s**2)
     weight = cho_solve(cho_factor(noisy), prior[:known, known:]).T
     middle = channels.arrival_s.mean()
@@ -444,8 +432,13 @@ def _rows_between(channels: Timed, frequency_mhz: FloatArray) -> Timed:
         nearest = part.take(np.zeros(asked.size, dtype=np.intp))
         none = np.full(asked.size, CURVE_SD_S)
         parts.append(replace(nearest, frequency_mhz=asked, channel_sd_s=none, **along))
+    return _joined(parts)
+
+
+def _joined(parts: list[Timed]) -> Timed:
+    """The channels of all; what is said of the whole burst is that of the first."""
     joined: dict[str, Any] = {name: np.concatenate([getattr(one, name) for one in parts]) for name in PER_CHANNEL}
-    return replace(channels, **joined)
+    return replace(parts[0], **joined)
 
 
 def _between_neighbours(channels_mhz: FloatArray, frequency_mhz: FloatArray) -> npt.NDArray[np.bool_]:
@@ -498,15 +491,15 @@ def _own_variance(timed: Timed) -> tuple[FloatArray, FloatArray]:
     own = np.eye(log_f.size) - at.sum(axis=0) / has.sum(axis=0)[:, None]
     between = np.einsum("mij,jk,nik->imn", at, total, at, optimize=True)
     variance = np.diag(total).copy()
-    for row, (covariance, present) in enumerate(zip(between, has.T, strict=True)):
+    for index, (covariance, present) in enumerate(zip(between, has.T, strict=True)):
         number = int(present.sum())
         if number < 2:
             continue
         some = covariance[np.ix_(present, present)]
         apart = np.add.outer(np.diag(some), np.diag(some)) - 2.0 * some
         every = apart.sum() / (2.0 * (number - 1))
-        which = int(np.flatnonzero(present).searchsorted(names.index(timed.observatory[row])))
-        variance[row] = every / 2.0 if number == 2 else (apart[which].sum() - every) / (number - 2)
+        which = int(np.flatnonzero(present).searchsorted(names.index(timed.observatory[index])))
+        variance[index] = every / 2.0 if number == 2 else (apart[which].sum() - every) / (number - 2)
     return np.maximum(variance, 0.0), own @ total @ own.T
 
 

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from bella.bursts.noise import (
+    LEAST_SIGMA_S,
     MOST_FOR_NOISE,
     OUTLIER_SD,
     STARTS,
@@ -92,7 +93,8 @@ def test_channels_that_nothing_else_tells_of_are_widened_as_students_t_has_it() 
 
 def test_no_time_is_known_better_than_the_table_states() -> None:
     found = estimate_noise(made(np.random.default_rng(10), sd_s=0.0))
-    assert (found.channel_sd_s >= 0.05).all()
+    assert (found.channel_sd_s >= 0.5 * LEAST_SIGMA_S).all()
+    assert (noise_columns(found)["sigma_s"] >= LEAST_SIGMA_S).all()
     assert np.median(found.channel_sd_s) < 0.25
 
 
@@ -181,6 +183,72 @@ def test_errors_that_all_share_cancel_in_differences_of_any_number() -> None:
         alone = noise_columns(Timed(**{**vars(one), "shared_s": own}).take(rows))["shape_sd_s"]
         np.testing.assert_allclose(shared, 0.0, atol=1e-9)
         np.testing.assert_allclose(alone, 5.0)
+
+
+def sharing(frequencies: int, covariance_s2: np.ndarray) -> Timed:
+    """Times of as many spacecraft as the covariance has, whose errors at every frequency have it."""
+    names = ("A", "B", "C", "D")[: len(covariance_s2)]
+    of = np.repeat(np.array(names, dtype=object), frequencies)
+    every = np.zeros(of.size)
+    frequency = np.tile(np.geomspace(0.3, 2.0, frequencies), len(names))
+    correlated = np.kron(covariance_s2, np.eye(frequencies))
+    return Timed(of, frequency, every, every + 30, every + 0.05, np.zeros((of.size, 0)), every, every, 0.0, correlated)
+
+
+def total_s2(rows: Timed) -> np.ndarray:
+    """Variance that the columns of an arrival table give each row."""
+    columns = noise_columns(rows)
+    return columns["sigma_s"] ** 2 + columns["shape_sd_s"] ** 2 - 0.05**2
+
+
+def test_variances_of_three_spacecraft_add_up_to_those_of_their_differences() -> None:
+    covariance = np.array([[9.0, 3.0, 1.0], [3.0, 4.0, 0.5], [1.0, 0.5, 16.0]])
+    variance = total_s2(sharing(5, covariance)).reshape(3, 5)
+    for one, other in ((0, 1), (0, 2), (1, 2)):
+        apart = covariance[one, one] + covariance[other, other] - 2 * covariance[one, other]
+        np.testing.assert_allclose(variance[one] + variance[other], apart)
+
+
+@pytest.mark.parametrize("number", [2, 4])
+def test_variances_of_other_numbers_are_those_without_what_all_share(number: int) -> None:
+    own = np.array([1.0, 4.0, 9.0, 16.0])[:number]
+    variance = total_s2(sharing(5, np.diag(own) + 100.0)).reshape(number, 5)
+    expected = own if number > 2 else np.full(2, own.mean())
+    np.testing.assert_allclose(variance, np.repeat(expected[:, None], 5, axis=1))
+
+
+def test_a_time_that_one_spacecraft_alone_has_keeps_its_variance() -> None:
+    rows = sharing(5, np.diag([1.0, 4.0]) + 100.0)
+    kept = np.flatnonzero((rows.observatory == "A") | (rows.frequency_mhz < 1.0))
+    few = replace(rows.take(kept), correlated_s2=rows.correlated_s2[np.ix_(kept, kept)])
+    alone = (few.observatory == "A") & (few.frequency_mhz > 1.0)
+    np.testing.assert_allclose(total_s2(few)[alone], 101.0)
+    np.testing.assert_allclose(total_s2(few)[~alone], 2.5)
+
+
+def test_what_all_spacecraft_tell_makes_differences_between_channels_sharper() -> None:
+    frequency = np.geomspace(0.25, 2.0, 15)
+    off = []
+    for seed in range(4):
+        rows = at_frequencies(estimate_noise(made(np.random.default_rng(seed), sd_s=2.0)), frequency)
+        wrong = rows.arrival_s.reshape(3, -1) - [truth_s(frequency, number) for number in range(3)]
+        off.append(wrong[1] - wrong[0])
+        np.linalg.cholesky(rows.covariance_s2())
+    # a channel alone has 2.8 s; the ends of the band, where less is known, are among them
+    assert np.sqrt(np.mean(np.square(off))) < 1.1
+
+
+def test_a_smooth_error_is_followed_and_stated_rather_than_taken_away() -> None:
+    timed = made(np.random.default_rng(3), sd_s=0.3)
+    bump = 8.0 * np.exp(-0.5 * (np.log(timed.frequency_mhz / 0.7) / 0.2) ** 2) * (timed.observatory == "PSP")
+    known = replace(timed, arrival_s=timed.arrival_s + bump, shape_sd_s=np.full(bump.size, 5.0))
+    rows = at_frequencies(known, FREQUENCY_MHZ[5:-5])
+    own = rows.observatory == "PSP"
+    expected = truth_s(rows.frequency_mhz[own], 2) + 8.0 * np.exp(
+        -0.5 * (np.log(rows.frequency_mhz[own] / 0.7) / 0.2) ** 2
+    )
+    assert np.abs(rows.arrival_s[own] - expected).max() < 1.0
+    assert (noise_columns(rows)["shape_sd_s"][own] >= 5.0).all()
 
 
 def test_thick_sets_of_channels_are_thinned() -> None:
