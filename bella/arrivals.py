@@ -23,6 +23,7 @@ import numpy.typing as npt
 import pandas as pd
 import xarray as xr
 
+from bella.containers import check_hdf5
 from bella.csv_tables import parse_table, read_table_text
 from bella.exceptions import InputError
 from bella.heliosphere.scattering import rise_s
@@ -323,9 +324,10 @@ def read_covariance(path: Path, rows: int) -> FloatArray:
         If it cannot be read, has another shape, or is no covariance.
     """
     try:
+        check_hdf5(path)
         with xr.open_dataset(path, engine="h5netcdf") as stored:
             covariance = stored["covariance_s2"].to_numpy().astype(np.float64)
-    except (OSError, KeyError, ValueError) as error:
+    except (OSError, KeyError, ValueError, TypeError, RuntimeError) as error:
         raise InputError(f"{path}: no covariance_s2 can be read ({error}); give what bella arrivals wrote") from error
     check_covariance(covariance, rows, source=str(path))
     return covariance

@@ -16,7 +16,7 @@ import numpy as np
 import numpy.typing as npt
 import xarray as xr
 
-from bella.containers import INFLATED_BYTES, LARGEST_NUMBER, LEAST_CPU_S, MHZ, READER, reading
+from bella.containers import INFLATED_BYTES, LARGEST_NUMBER, MHZ, check_hdf5, reading
 from bella.exceptions import InputError, require_extra
 from bella.records import Origin
 from bella.spacecraft import observatory_name
@@ -91,24 +91,6 @@ def open_cf(path: Path, engine: str) -> tuple[xr.Dataset, ...]:
             if _claimed_bytes(list(chosen.values())) > INFLATED_BYTES:
                 raise InputError(f"{path} holds more than {INFLATED_BYTES >> 20} MiB: divide it into days")
             return tuple(as_spectrum(group, f"{path}{name}", path.name) for name, group in chosen.items())
-
-
-def check_hdf5(path: Path, cpu_s: int = LEAST_CPU_S) -> None:
-    """Read a file in the process for damaged files, where the HDF5 library may hang or crash without harm.
-
-    Parameters
-    ----------
-    path : pathlib.Path
-        HDF5 file.
-    cpu_s : int
-        Longest it may take, s of the processor.
-
-    Raises
-    ------
-    ValueError
-        If it cannot be read, or not in bounded time and memory.
-    """
-    READER.ask("probe", str(path.absolute()), cpu_s=cpu_s)
 
 
 def check_zarr(path: Path) -> None:

@@ -15,11 +15,10 @@ import numpy as np
 import pytest
 import xarray as xr
 
-from bella.containers import READER
+from bella.containers import READER, check_hdf5
 from bella.exceptions import InputError
 from bella.simulation import archive_files
 from bella.spectra import open_spectra
-from bella.spectra.cf_files import check_hdf5
 from tests.fuzz.damage import attempt
 from tests.spectra import test_cdf_variants as cdf_variants
 from tests.spectra import written
