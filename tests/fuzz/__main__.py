@@ -63,4 +63,4 @@ if __name__ == "__main__":
     kind, number, seed = sys.argv[1], int(sys.argv[2]), int(sys.argv[3])
     kept = Path(tempfile.gettempdir()) / "bella-damaged"
     kept.mkdir(exist_ok=True)
-    print(json.dumps(main(kind, number, seed, kept)))
+    sys.stdout.write(json.dumps(main(kind, number, seed, kept)) + "\n")

@@ -1,6 +1,6 @@
 """Kinds of files that are read, each with a small example and its reader."""
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -154,9 +154,3 @@ KINDS = {
         hourly_speeds,
     ),
 }
-
-
-def examples(folder: Path) -> Iterator[tuple[Kind, Path]]:
-    """One file of every kind, written into a folder."""
-    for kind in KINDS.values():
-        yield kind, kind.example(folder)

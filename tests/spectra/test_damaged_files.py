@@ -292,6 +292,8 @@ def test_a_file_packed_with_gzip_is_read(wind_l2: Path) -> None:
     (read,) = open_spectra(packed)
 
     assert read.equals(open_spectra(wind_l2)[0].assign_coords())
+    packed.write_bytes(gzip.compress(packed.read_bytes()))
+    assert open_spectra(packed)[0].equals(read)
     packed.write_bytes(packed.read_bytes()[:-100])
     assert "cannot be read as CDF" in attempt(packed).message
 
