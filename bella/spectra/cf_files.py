@@ -137,7 +137,7 @@ def _groups(path: Path, engine: str) -> Iterator[dict[str, xr.Dataset]]:
         with xr.open_dataset(path, engine="scipy") as only:
             yield {"": only}
         return
-    options = {"consolidated": False} if engine == "zarr" else {}  # which not every store is
+    options: dict[str, Any] = {"consolidated": False} if engine == "zarr" else {}  # which not every store is
     with xr.open_datatree(path, engine=engine, **options) as tree:
         yield {node.path.rstrip("/"): node.to_dataset(inherit=False) for node in tree.subtree}
 
