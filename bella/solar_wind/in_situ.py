@@ -155,7 +155,7 @@ def _numbers(path: Path) -> pd.DataFrame:
             frame = _table(path)
         except ValueError:  # a heading, or other separators, which a list of many years does not have
             lines = path.read_text(encoding="utf-8-sig", errors="replace").splitlines()
-            rows = [line.translate(BLANKS) for line in lines if line.strip()[:1].isdigit()]
+            rows = [line.translate(BLANKS) for line in lines if line.strip()[:1].isdecimal()]
             frame = _table(io.StringIO("\n".join(rows)))
     except (OSError, ValueError) as error:
         reason = " ".join(str(error).split())
