@@ -6,10 +6,11 @@
 from typing import Any
 
 from fastapi import FastAPI
+from starlette.types import ASGIApp
 
 from api.errors import DESCRIBED, Problem, install_error_handlers
 from api.links import Prefixed
-from api.middleware import install_headers
+from api.middleware import UsualHeaders, install_headers
 from api.pages import burst as burst_page
 from api.pages import bursts as list_page
 from api.pages import days, planning, submit
@@ -66,6 +67,10 @@ class Described(FastAPI):
                 reply = next(reply for status, reply in operation["responses"].items() if status.startswith("2"))
                 reply |= _links(operation["operationId"])
         return super().openapi()
+
+    def build_middleware_stack(self) -> ASGIApp:
+        """Layers of the application: the usual headers are on replies to errors that nobody foresaw, too."""
+        return UsualHeaders(super().build_middleware_stack())
 
 
 def _links(operation: str) -> dict[str, Any]:
