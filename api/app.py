@@ -32,7 +32,7 @@ from api.service import Service
 from api.static_files import router as static_files
 from bella import __version__
 from bella.logs import log_to
-from bella.settings import Settings
+from bella.settings import Settings, read_settings
 
 _OF_A_BURST = ("burst", "versions", "track", "posterior", "regions", "arrivals", "burst_events")
 _OF_A_SOLUTION = ("solution", "calibration")
@@ -103,7 +103,7 @@ def create_app(settings: Settings | None = None) -> FastAPI:
     )
     if settings is None:
         log_to(None)
-        settings = Settings()
+        settings = read_settings()
     app.state.service = Service(settings)
     install_error_handlers(app)
     install_headers(app, app.state.service)
