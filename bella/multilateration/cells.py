@@ -57,12 +57,15 @@ MOST_LOG_DET = 700.0
 """Larger ones would overflow; the bound is then only less tight."""
 MOST_PARTS = 3
 """In so many parts, at most, a cell is divided at once when that makes it final."""
+STEADY = 0.5
+"""Cells that reach less far than this part of the way to the Sun or a receiver tell how sharp the posterior is in the
+final ones, which then are not surveyed themselves."""
 WAITS = 3.0
 """Cells are not divided along an axis while they are so many times more too long along another: how sharp the posterior
 is along its ridge shows only once they are narrow."""
 OVERSIZE = 1.1
 """A final cell may be larger than the tolerance by this: the sharpest place is known only to a cell."""
-MAX_CELLS, MAX_CELLS_IN_SPACE = 500_000, 6_000_000
+MAX_CELLS, MAX_CELLS_IN_SPACE = 2_000_000, 6_000_000
 """Most cells of one problem, times components of the noise; more is an error, never a silent cut."""
 MAX_CELLS_TOGETHER = 300_000
 """Most cells of several problems; they are then to be divided in smaller groups, so that memory stays bounded."""
@@ -258,13 +261,17 @@ def _resolved(  # noqa: PLR0913, PLR0917
         best = np.maximum(best, _highest(seen.value, lattice.owner, problems.count))
         kept = np.flatnonzero(best.take(lattice.owner) - seen.bound < drop_nats)
         lattice, seen = lattice.pick(kept), seen.pick(kept)
+        owner = lattice.owner
         need = _need(lattice, seen, best, tolerance)
         if fans is not None and level >= FAN_LEVEL:
             lattice = lattice.pick(np.flatnonzero(~fans.choose(seen, lattice, need).take(lattice.owner)))
         parts = _parts(lattice, need)
         lattice = _divided(lattice, parts)
         _check_budget(lattice, problems.components)
-        final = np.all(parts >= need, axis=0)[lattice.owner]
+        unsteady = np.zeros(problems.count, dtype=bool)
+        unsteady[owner[~seen.steady]] = True
+        final = np.all(need <= 1, axis=0) | (np.all(parts >= need, axis=0) & ~unsteady & (problems.components == 1))
+        final = final[lattice.owner]
         done.append(lattice.pick(np.flatnonzero(final)))
         lattice = lattice.pick(np.flatnonzero(~final))
         level += 1
@@ -287,6 +294,8 @@ class _Seen:
         Which are small, and near the Sun or a receiver: the bound says little of them.
     reach : ndarray, shape (M,)
         Farthest that a point of a cell is from its centre, solar radii.
+    steady : ndarray of bool, shape (M,)
+        Which are so small that the information hardly changes in them.
     """
 
     points: FloatArray
@@ -295,6 +304,7 @@ class _Seen:
     sharp: FloatArray
     near: BoolArray
     reach: FloatArray
+    steady: BoolArray
 
     def pick(self, place: IntArray) -> "_Seen":
         """Some of the cells."""
@@ -305,7 +315,7 @@ def _level(lattice: Lattice, problems: Problems) -> _Seen:
     """What is seen of the cells of a lattice, of problems turned as its axes are."""
     points, sharp = np.empty((2, *lattice.index.shape))
     value, bound, reach = np.empty((3, lattice.owner.size))
-    near = np.empty(value.shape, dtype=bool)
+    near, steady = np.empty((2, *value.shape), dtype=bool)
     axes, sides = lattice.axes, 0.5 * lattice.side
     sides[0] += axes.bulge(sides[1])
     for some, owner in blocks(lattice.owner):
@@ -319,11 +329,13 @@ def _level(lattice: Lattice, problems: Problems) -> _Seen:
         truncated = here.priors.is_truncated
         value[some] = _density(here, points[:, some]) if truncated else mixed(seen.log_density)
         near[some] = (np.minimum(radius, nearest) < NEAR_RSUN + reach[some]) & (reach[some] < NEAR_RSUN)
+        turning = np.maximum(np.minimum(radius, nearest) if here.delay.is_free else nearest, NEAR_RSUN)
+        steady[some] = reach[some] < STEADY * turning
         bound[some] = _upper_bound(here, seen, half_sides, reach[some], radius, nearest)
         sharp[:, some] = np.sqrt(seen.sharpness**2 + here.priors.tau_rsun**-2.0)
         if axes.fan is not None:
             sharp[:, some] *= np.exp(0.5 * axes.log_area(along, owner))
-    return _Seen(points, value, bound, sharp, near, reach)
+    return _Seen(points, value, bound, sharp, near, reach, steady)
 
 
 def _length(vectors: FloatArray) -> FloatArray:
