@@ -39,6 +39,7 @@ from bella.user_tables import arrival_frame
 if TYPE_CHECKING:
     from astropy.coordinates import SkyCoord
 
+    from bella.plotting import Figure
     from bella.spectra import FleetPiece
 
 FEWEST_FOR_TRACK = 2
@@ -74,11 +75,11 @@ class Arrivals:
         """Table with a Time, and a Quantity for every column with a unit."""
         return quantity_table(_table(ARRIVALS.without("burst_id", "solution_id"), self.frame))
 
-    def plot(self, ax: Any = None) -> Any:
-        """Frequency against arrival time, one line per spacecraft; returns the matplotlib axes."""
-        from bella.plotting import draw_arrivals  # noqa: PLC0415 - matplotlib is heavy
+    def plot(self) -> "Figure":
+        """Frequency against arrival time, one line per spacecraft."""
+        from bella.plotting import arrivals_figure  # noqa: PLC0415 - heavy
 
-        return draw_arrivals(self.frame, ax)
+        return arrivals_figure(self.frame)
 
 
 @dataclass(frozen=True)
@@ -109,11 +110,11 @@ class Localisation:
         xyz = [self.posterior[f"{axis}_rsun"].to_numpy() for axis in "xyz"]
         return _skycoord(np.array(xyz), self.posterior.attrs["reference_time"])
 
-    def plot(self, ax: Any = None) -> Any:
-        """Positions with their 68 % regions in the ecliptic, and the receivers; returns the matplotlib axes."""
-        from bella.plotting import draw_positions  # noqa: PLC0415 - matplotlib is heavy
+    def plot(self) -> "Figure":
+        """Positions with their regions on the map of the ecliptic, and the receivers."""
+        from bella.plotting import positions_figure  # noqa: PLC0415 - heavy
 
-        return draw_positions(self.posterior, ax)
+        return positions_figure(self.posterior)
 
 
 @dataclass(frozen=True)
@@ -157,11 +158,11 @@ class FittedTrack:
         xyz = distance * np.array([np.cos(longitude), np.sin(longitude), np.zeros_like(longitude)])
         return _skycoord(xyz, self.record.epoch_utc)
 
-    def plot(self, ax: Any = None) -> Any:
-        """Sources of the profile in the ecliptic; returns the matplotlib axes."""
-        from bella.plotting import draw_track  # noqa: PLC0415 - matplotlib is heavy
+    def plot(self) -> "Figure":
+        """Sources of the profile and the spiral on the map of the ecliptic."""
+        from bella.plotting import track_figure  # noqa: PLC0415 - heavy
 
-        return draw_track(self.record, ax)
+        return track_figure(self.record, self.posterior)
 
 
 @dataclass(frozen=True)
@@ -186,11 +187,11 @@ class Detections:
         """Table with Times, and a Quantity for every column with a unit."""
         return quantity_table(_table(DETECTIONS.without("burst_id"), self.frame))
 
-    def plot(self, ax: Any = None) -> Any:
-        """Boxes of time and frequency; returns the matplotlib axes."""
-        from bella.plotting import draw_detections  # noqa: PLC0415 - matplotlib is heavy
+    def plot(self) -> "Figure":
+        """Boxes of time and frequency."""
+        from bella.plotting import detections_figure  # noqa: PLC0415 - heavy
 
-        return draw_detections(self.frame, ax)
+        return detections_figure(self.frame)
 
 
 def read_arrivals(path: str | Path) -> Arrivals:
