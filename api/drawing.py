@@ -12,7 +12,7 @@ from pydantic import Field, ValidationError, field_validator
 from api.links import linked
 from api.queries import CHOICES, NEWEST_FIRST, BurstSelection, SolutionChoice, chosen
 from api.service import Service
-from bella.catalogue import BurstSummary, Catalogue, Solution
+from bella.catalogue import BurstPoint, BurstSummary, Catalogue, Solution
 from bella.exceptions import InputError
 from bella.pipeline import page_figures
 from bella.pipeline.page_figures import AnswerData, FirstLook
@@ -238,12 +238,9 @@ def selection_of(catalogue: Catalogue, wanted: BurstSelection) -> Selection:
         If the query cannot be read.
     """
     query = replace(BurstSelection.query(wanted), sort=NEWEST_FIRST, limit=MOST_MARKED)
-    page = catalogue.bursts(query)
-    return Selection(
-        [_marked(one) for one in page.bursts],
-        page.total,
-        any(one.burst.origin not in REAL_ORIGINS for one in page.bursts),
-    )
+    page = catalogue.points(query)
+    has_unreal = any(one.origin not in REAL_ORIGINS for one in page.points)
+    return Selection([_marked(one) for one in page.points], page.total, has_unreal)
 
 
 def selection_query(asked: Mapping[str, object]) -> str:
@@ -259,14 +256,13 @@ def sector_address(asked: Mapping[str, object]) -> str:
     return linked("/") + (f"?{query}" if query else "")
 
 
-def _marked(summary: BurstSummary) -> Marked:
-    burst, best = summary.burst, summary.preferred
-    answer = best.answer if best else None
-    said = f"{burst.burst_id}: {answer.sentence if answer else 'no answer'}"
+def _marked(point: BurstPoint) -> Marked:
+    answer = point.answer
+    said = f"{point.burst_id}: {answer.sentence if answer else 'no answer'}"
     longitude = _estimate(answer.phi0_deg, answer.phi0_low_deg, answer.phi0_high_deg) if answer else None
     wind = _estimate(answer.v_sw_km_s, answer.v_sw_low_km_s, answer.v_sw_high_km_s) if answer else None
     return Marked(
-        burst.start_utc, longitude, wind, answer.grade if answer else "D", said, linked(f"/bursts/{burst.burst_id}")
+        point.start_utc, longitude, wind, answer.grade if answer else "D", said, linked(f"/bursts/{point.burst_id}")
     )
 
 

@@ -73,7 +73,7 @@ sphinx_gallery_conf = {
     "remove_config_comments": True,
     "show_memory": False,
     "min_reported_time": 0,
-    "image_scrapers": ("matplotlib",),
+    "image_scrapers": ("matplotlib", "gallery_figures.scraped"),
     "abort_on_example_error": True,
     "doc_module": ("bella",),
     "backreferences_dir": None,

@@ -1,12 +1,14 @@
 """The functions of ``import bella``: what they return, and that importing them costs nothing."""
 
 import doctest
+import re
 import subprocess
 import sys
+from datetime import datetime, timedelta, timezone
 from pathlib import Path
+from typing import Any
+from xml.etree import ElementTree
 
-import matplotlib as mpl
-import matplotlib.pyplot as plt
 import numpy as np
 import pytest
 import xarray as xr
@@ -20,10 +22,10 @@ from bella.arrivals import arrivals_csv
 from bella.bursts import published_arrivals
 from bella.exceptions import InputError, NoDataError
 from bella.multilateration import localise as posterior_of
-from bella.records import JointTrack, Moment, Parameter, SourceAt
+from bella.records import Interval, JointTrack, Moment, Parameter, SourceAt
 from bella.spectra import event_spectra
 
-mpl.use("Agg")
+DOT = r'<circle cx="([-\d.]+)" cy="([-\d.]+)" r="4.2"[^>]*data-mhz="([^"]+)"'
 TABLE = published_arrivals(np.array([0.25, 0.5, 1.0]))
 
 
@@ -122,14 +124,52 @@ def test_a_fit_has_its_draws() -> None:
     assert "deg" in repr(fitted)
 
 
-@pytest.mark.parametrize("what", ["located", "track", "arrivals"])
-def test_plots_are_drawn_on_the_axes_given(what: str, located: bella.Localisation) -> None:
-    shown = {"located": located, "track": track(), "arrivals": bella.Arrivals(TABLE)}[what]
-    axes = plt.figure().add_subplot()
-    assert shown.plot(axes) is axes
-    axes.figure.canvas.draw()
-    assert axes.get_xlabel()
-    plt.close("all")
+def test_plots_are_figures_of_the_pages_that_a_notebook_shows_and_files_keep(
+    tmp_path: Path, located: bella.Localisation
+) -> None:
+    shown = located.plot()
+    assert shown.svg.count("<circle") > len(located.posterior["frequency"])
+    assert re.findall(r'data-mhz="([^"]+)"', shown.svg) == ["0.25", "0.5", "1"]
+    assert all(name in shown.svg for name in ("Earth, WIND", "STEREO-A", "STEREO-B"))
+    assert ElementTree.fromstring(shown._repr_html_()).find(".//{*}style") is not None, "it needs no page"
+    shown.save(tmp_path / "map.svg")
+    assert (tmp_path / "map.svg").read_text() in shown._repr_html_()
+    with pytest.raises(InputError, match=r"\.svg, \.png and \.pdf"):
+        shown.save(tmp_path / "map.txt")
+
+
+def test_arrival_times_are_drawn_where_they_are() -> None:
+    drawn = bella.Arrivals(TABLE).plot().svg
+    ElementTree.fromstring(drawn)
+    (wind,) = re.findall(r'class="series s0"><line (.*?)/><line', drawn)
+    x1, y1, x2, y2 = (float(one) for one in re.findall(r'"([-\d.]+)"', wind))
+    rows = TABLE[TABLE["observatory"] == "WIND"].sort_values("frequency_mhz")
+    seconds = TABLE["arrival_utc"].to_numpy().astype("datetime64[ns]").astype(np.int64) / 1e9
+    sigma = TABLE["sigma_s"].to_numpy()
+    first, last = (seconds - sigma).min(), (seconds + sigma).max()
+    assert y1 == y2 > 200, "the lowest frequency is at the bottom"
+    width = 2 * rows["sigma_s"].iloc[0] / (1.1 * (last - first)) * (620 - 52 - 14)
+    assert x2 - x1 == pytest.approx(width, abs=0.2)
+    assert "UTC, 2012-06-07" in drawn
+
+
+def test_a_track_is_drawn_through_the_sources_of_its_profile() -> None:
+    drawn = track().plot().svg
+    places = {float(mhz): (float(x), float(y)) for x, y, mhz in re.findall(DOT, drawn)}
+    ((cx, cy),) = re.findall(r'data-centre="([-\d.]+),([-\d.]+)"', drawn)
+    (scale,) = re.findall(r'data-per-rsun="([\d.]+)"', drawn)
+    for mhz, (x, y) in {1.0: (0.0, 20.0), 0.5: (20.0, 40 * np.sin(np.pi / 3))}.items():
+        seen = ((places[mhz][0] - 310) / float(scale) + float(cx), (280 - places[mhz][1]) / float(scale) + float(cy))
+        assert seen == pytest.approx((x, y), abs=0.2)
+
+
+def test_a_track_without_positions_is_drawn_as_sectors() -> None:
+    record = track().record.model_copy(
+        update={"profile": (), "phi0_68": (Interval(low=20.0, high=40.0, probability=0.68),)}
+    )
+    drawn = bella.FittedTrack(record, xr.Dataset()).plot().svg
+    assert drawn.count('class="sector"') == 1
+    assert "data-mhz" not in drawn
 
 
 def test_edges_of_spectra_are_timed_with_their_covariance() -> None:
@@ -154,8 +194,38 @@ def test_bursts_are_found_in_spectra() -> None:
     found = bella.detect(event_spectra())
     assert len(found) > 0
     assert found.to_table()["f_high_mhz"].unit == u.MHz
-    found.plot()
-    plt.close("all")
+    drawn = found.plot().svg
+    assert drawn.count("<rect") == len(found)
+    assert "data" not in bella.Detections(found.frame[:0]).plot().svg
+
+
+def test_what_cannot_be_searched_is_not_without_bursts() -> None:
+    spectrum = event_spectra()["WIND"].to_dataset()
+    found = bella.detect(spectrum.isel(frequency=slice(0, 2)))
+    assert len(found) == 0
+    assert "search channels" in found.not_searchable[0]
+    assert "not searchable" in repr(found)
+
+
+@pytest.mark.parametrize(
+    "around",
+    [
+        np.datetime64("2012-06-07T19:30"),
+        datetime(2012, 6, 7, 21, 30, tzinfo=timezone(timedelta(hours=2))),
+        Time("2012-06-07T19:31:06.184", scale="tt"),
+        "2012-06-07T21:30+02:00",
+        "2012-06-07 19:30:00Z",
+    ],
+)
+def test_a_time_may_be_of_any_type(around: Any) -> None:
+    late = analysis._moment(around) - np.datetime64("2012-06-07T19:30")
+    assert abs(late) < np.timedelta64(1, "ms")
+
+
+@pytest.mark.parametrize("wrong", [TABLE, 5, [3.0], None])
+def test_what_is_no_spectrum_is_named(wrong: Any) -> None:
+    with pytest.raises(InputError, match="is no spectrum"):
+        bella.detect(wrong)
 
 
 def test_a_wrong_table_is_one_line_that_names_the_column() -> None:
@@ -167,7 +237,6 @@ def test_examples_run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     (tmp_path / "arrivals.csv").write_text(arrivals_csv(TABLE))
     monkeypatch.chdir(tmp_path)
     result = doctest.testmod(analysis, optionflags=doctest.ELLIPSIS | doctest.NORMALIZE_WHITESPACE)
-    plt.close("all")
     assert result.attempted > 3
     assert result.failed == 0
 

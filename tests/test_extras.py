@@ -36,7 +36,7 @@ def test_a_command_without_its_packages_is_one_line(package: str, arguments: lis
 
 USES = {
     "zarr": "import bella.store",
-    "matplotlib": "from bella.plotting import draw_track",
+    "matplotlib": "from bella.plotting.export import _fonts; _fonts()",
     "pymc": "from bella.multilateration import nuts; nuts._library('pymc')",
     "pyarrow": "from bella.formats.binary import parquet; parquet(None)",
     "radiospectra": "from bella.spectra import to_radiospectra; to_radiospectra(None)",

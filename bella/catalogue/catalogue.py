@@ -37,6 +37,7 @@ from bella.catalogue.records import (
     DetectionQuery,
     Held,
     Localisation,
+    PointPage,
     Publication,
     SearchedDay,
     Series,
@@ -223,6 +224,10 @@ class Catalogue:
             Where the cursor or the limit is not valid.
         """
         return queries.bursts(self._engine, query or BurstQuery(), self._summaries)
+
+    def points(self, query: BurstQuery) -> PointPage:
+        """Bursts as figures of many show them; see `queries.points`."""
+        return queries.points(self._engine, query)
 
     def state_of(self, query: BurstQuery) -> str:
         """Digest of all that a query finds; see :func:`bella.catalogue.queries.state_of`."""

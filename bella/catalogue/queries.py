@@ -7,6 +7,7 @@ from typing import Any, Literal
 
 from sqlalchemy import ColumnElement, Connection, Engine, FromClause, RowMapping, Select, bindparam, func, or_, select
 
+from bella.answer import Answer
 from bella.catalogue.engine import reading
 from bella.catalogue.events import EventListRow
 from bella.catalogue.kept import Kept
@@ -22,9 +23,19 @@ from bella.catalogue.models import (
     UtcTime,
     table_of,
 )
-from bella.catalogue.paging import Key, check_limit, ordered_by, read_page
+from bella.catalogue.paging import Key, Page, check_limit, ordered_by, read_page
 from bella.catalogue.preference import preferences
-from bella.catalogue.records import BURST_SORTS, Burst, BurstPage, BurstQuery, BurstSummary, Held, Solution
+from bella.catalogue.records import (
+    BURST_SORTS,
+    Burst,
+    BurstPage,
+    BurstPoint,
+    BurstQuery,
+    BurstSummary,
+    Held,
+    PointPage,
+    Solution,
+)
 from bella.catalogue.solutions import newest_of, retraction_of, versions_of
 from bella.exceptions import InputError, NoDataError
 from bella.flags import REJECTED
@@ -102,16 +113,40 @@ def bursts(engine: Engine, query: BurstQuery, kept: Summaries) -> BurstPage:
     InputError
         Where the cursor, the order or the limit is not valid.
     """
+    with reading(engine) as connection:
+        page = _page(connection, query, BURSTS)
+        return BurstPage(_summaries(connection, page.rows, kept), page.next_cursor, page.total)
+
+
+def points(engine: Engine, query: BurstQuery) -> PointPage:
+    """Bursts as figures of many show them, in one statement: `bursts` reads all their solutions, flags and receivers.
+
+    Raises
+    ------
+    InputError
+        Where the order or the limit is not valid.
+    """
+    answers = (ANSWERS.c[name] for name in ("solution_id", *Answer.model_fields))
+    with reading(engine) as connection:
+        page = _page(connection, query, BURSTS.c.burst_id, BURSTS.c.start_utc, BURSTS.c.origin, *answers)
+    return PointPage(tuple(map(_point, page.rows)), page.total)
+
+
+def _point(row: RowMapping) -> BurstPoint:
+    answer = Answer(**{name: row[name] for name in Answer.model_fields}) if row["solution_id"] else None
+    return BurstPoint(row["burst_id"], row["start_utc"], Origin(row["origin"]), answer)
+
+
+def _page(connection: Connection, query: BurstQuery, *columns: FromClause | ColumnElement[Any]) -> Page:
+    """Columns of bursts and their answers, of one page."""
     check_limit(query.limit)
     order = _order(query.sort)
     filters = burst_filters(query)
-    found = select(BURSTS, order[0].column.label("sorted_by")).select_from(with_answers()).where(*filters)
+    found = select(*columns, order[0].column.label("sorted_by")).select_from(with_answers()).where(*filters)
     # the databases read the answers of all bursts even to count bursts alone
     of_answers = any(ANSWERS in one._from_objects for one in filters)
     counted = select(func.count()).select_from(with_answers() if of_answers else BURSTS).where(*filters)
-    with reading(engine) as connection:
-        page = read_page(connection, query, found, order, counted)
-        return BurstPage(_summaries(connection, page.rows, kept), page.next_cursor, page.total)
+    return read_page(connection, query, found, order, counted)
 
 
 def held(engine: Engine) -> Held:

@@ -344,6 +344,24 @@ class BurstPage:
 
 
 @dataclass(frozen=True)
+class BurstPoint:
+    """A burst as a figure of many shows it: its preferred answer, None where it has none, without all else."""
+
+    burst_id: str
+    start_utc: datetime
+    origin: Origin
+    answer: Answer | None
+
+
+@dataclass(frozen=True)
+class PointPage:
+    """Bursts of a figure in the order that was asked for; `total` counts those beyond the limit, too."""
+
+    points: tuple[BurstPoint, ...]
+    total: int
+
+
+@dataclass(frozen=True)
 class DetectionQuery:
     """Which detections, in which order, and which page of them.
 

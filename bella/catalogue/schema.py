@@ -3,6 +3,7 @@
 import sqlite3
 import time
 from contextlib import closing, suppress
+from functools import cache
 from importlib.util import find_spec
 from pathlib import Path
 
@@ -83,20 +84,27 @@ def revision_of(connection: Connection) -> str | None:
     return MigrationContext.configure(connection, opts={"version_table": REVISION_TABLE}).get_current_revision()
 
 
+@cache
+def _revisions() -> tuple[frozenset[str], str | None]:
+    """All revisions, and the newest one; read once, since the scripts of an installation do not change."""
+    scripts = ScriptDirectory.from_config(migration_config())
+    return frozenset(script.revision for script in scripts.walk_revisions()), scripts.get_current_head()
+
+
 def _revision_to_upgrade(connection: Connection, *, create: bool) -> str | None:
     """Revision to upgrade from ("" for an empty database), None for the newest one; refuses what is not ours."""
     name = display_name(connection.engine.url)
-    scripts = ScriptDirectory.from_config(migration_config())
+    known, newest = _revisions()
     tables = set(inspect(connection).get_table_names())
     current = revision_of(connection) or ""
     if tables - {REVISION_TABLE} and not current:
         raise not_a_catalogue(connection.engine.url)
-    if current and current not in {script.revision for script in scripts.walk_revisions()}:
+    if current and current not in known:
         raise StoreError(
             f"{name} was written by a newer version (revision {current}): "
             "upgrade the package or restore an older backup"
         )
-    if current == scripts.get_current_head():
+    if current == newest:
         return None
     if not create:
         state = f"is at the older revision {current}" if current else "is empty"

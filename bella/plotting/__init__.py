@@ -1,14 +1,13 @@
 """Figures: the constellation with its tracks, spectra with their edges, days, maps of the ecliptic, P-P curves.
 
 All are SVG, written without any drawing library, with the colours of `figure.css`: the same on a page and in a file,
-as SVG, PNG or PDF. Only the small drawings for a notebook are on axes of matplotlib. What needs more than the API may
-import is imported when one of its functions is first asked for.
+as SVG, PNG or PDF, and in a notebook. What needs more than the API may import is imported when one of its functions is
+first asked for.
 """
 
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
-from bella.exceptions import require_extra
 from bella.plotting.constellation import MapView, constellation_caption, constellation_figure, thumbnail
 from bella.plotting.days import (
     DayMark,
@@ -63,7 +62,13 @@ if TYPE_CHECKING:
         shared_profile_figure,
         write_edge_figures,
     )
-    from bella.plotting.notebook import draw_arrivals, draw_detections, draw_positions, draw_track
+    from bella.plotting.notebook import (
+        Figure,
+        arrivals_figure,
+        detections_figure,
+        positions_figure,
+        track_figure,
+    )
 
 _CALIBRATION = ("calibration_caption", "calibration_figure", "comparison_panels")
 _LIGHT_CURVES = (
@@ -73,7 +78,7 @@ _LIGHT_CURVES = (
     "shared_profile_figure",
     "write_edge_figures",
 )
-_NOTEBOOK = ("draw_arrivals", "draw_detections", "draw_positions", "draw_track")
+_NOTEBOOK = ("Figure", "arrivals_figure", "detections_figure", "positions_figure", "track_figure")
 
 __all__ = [
     "KINDS",
@@ -81,6 +86,7 @@ __all__ = [
     "Caption",
     "DayMark",
     "Estimate",
+    "Figure",
     "Kind",
     "MapView",
     "Marked",
@@ -89,6 +95,7 @@ __all__ = [
     "Theme",
     "TrackView",
     "WindScene",
+    "arrivals_figure",
     "calendar_caption",
     "calendar_figure",
     "calibration_caption",
@@ -100,10 +107,7 @@ __all__ = [
     "coverage_figure",
     "day_caption",
     "day_figure",
-    "draw_arrivals",
-    "draw_detections",
-    "draw_positions",
-    "draw_track",
+    "detections_figure",
     "edge_name",
     "evolution_caption",
     "evolution_figure",
@@ -118,6 +122,7 @@ __all__ = [
     "planning_caption",
     "planning_figure",
     "polar_track",
+    "positions_figure",
     "residual_caption",
     "residual_figure",
     "selected_regions",
@@ -129,6 +134,7 @@ __all__ = [
     "speed_remark",
     "strips_figure",
     "thumbnail",
+    "track_figure",
     "wind_figure",
     "wind_map_caption",
     "wind_map_figure",
@@ -144,6 +150,4 @@ def __getattr__(name: str) -> Any:
     found = next((room for room, names in rooms.items() if name in names), None)
     if found is None:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    if found == "notebook":
-        require_extra("matplotlib")
     return getattr(import_module(f"bella.plotting.{found}"), name)

@@ -19,6 +19,7 @@ from bella.plotting.svg import (
     edge_class,
     element,
     figure,
+    grid,
     line,
     marks,
     path,
@@ -124,22 +125,13 @@ def residual_caption() -> str:
 
 def _axes(across: Scale, upward: Scale, ticks: Sequence[float], name: str) -> Iterator[str]:
     """Grid of a panel against frequency."""
-    yield from _grid(across, upward, across.among(FREQUENCY_TICKS_MHZ), upward.among(ticks), name)
+    frequencies = {tick: f"{tick:g}" for tick in across.among(FREQUENCY_TICKS_MHZ)}
+    yield from grid(across, upward, frequencies, _written(upward.among(ticks)), name)
     yield words("MHz", (across.start + across.end) / 2, upward.start + 36, class_="axis-name", text_anchor="middle")
 
 
-def _grid(
-    across: Scale, upward: Scale, across_ticks: Sequence[float], upward_ticks: Sequence[float], name: str
-) -> Iterator[str]:
-    for tick in across_ticks:
-        x = float(across(tick))
-        yield line(x, upward.end, x, upward.start, class_="gridline")
-        yield words(f"{tick:g}", x, upward.start + 18, class_="tick", text_anchor="middle")
-    for tick in upward_ticks:
-        y, said = float(upward(tick)), f"{tick:.3g}".replace("-", "\N{MINUS SIGN}")
-        yield line(across.start, y, across.end, y, class_="gridline")
-        yield words(said, across.start - 6, y + 4, class_="tick", text_anchor="end")
-    yield words(name, across.start - 30, upward.end - 9, class_="axis-name")
+def _written(ticks: Sequence[float]) -> dict[float, str]:
+    return {tick: f"{tick:.3g}".replace("-", "\N{MINUS SIGN}") for tick in ticks}
 
 
 def _models(across: Scale, upward: Scale) -> Iterator[str]:
@@ -207,7 +199,8 @@ def _spiral_panel(posterior: xr.Dataset, polar: PolarTrack, fits: Mapping[str, A
     margin, middle = max(0.35 * (high - low), LEAST_SHOWN_DEG), float(np.nanmedian(longitude))
     across = Scale(0.0, 1.05 * float(np.nanmax(polar.range_rsun)), LEFT, WIDTH - RIGHT)
     upward = Scale(low - margin, high + margin, HEIGHT + SPIRAL_HEIGHT - BOTTOM, HEIGHT + TOP)
-    yield from _grid(across, upward, across.ticks(8), upward.ticks(6), "HEE longitude (°, west positive)")
+    ticks = {tick: f"{tick:g}" for tick in across.ticks(8)}
+    yield from grid(across, upward, ticks, _written(upward.ticks(6)), "HEE longitude (°, west positive)")
     centre = (across.start + across.end) / 2
     yield words("Distance (R\N{SUN})", centre, upward.start + 36, class_="axis-name", text_anchor="middle")
     outward = np.linspace(SPIRAL_ORIGIN_RSUN, across.high, 60)

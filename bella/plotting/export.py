@@ -206,7 +206,11 @@ def _standing_alone(drawn: str, caption: Caption, theme: Theme) -> str:
 def _lines(caption: Caption, width: float, top: float) -> list[str]:
     most = max(LEAST_CHARACTERS, int((width - 2 * MARGIN) / (CHARACTER_WIDTH * TEXT_SIZE)))
     paragraphs = ((caption.warning, "caption warning"), (caption.text, "caption"), (caption.source, "caption source"))
-    lines = [(line, kind) for text, kind in paragraphs for line in wrap(text, most, break_on_hyphens=False)]
+    lines = [
+        (line, kind)
+        for text, kind in paragraphs
+        for line in wrap(text.replace(" %", "\N{NO-BREAK SPACE}%"), most, break_on_hyphens=False)
+    ]
     return [
         words(line, MARGIN, top + MARGIN + LINE_HEIGHT * (index + 0.5), class_=kind)
         for index, (line, kind) in enumerate(lines)

@@ -313,7 +313,7 @@ def _time_axis(time: Scale, top: float, name: str) -> Iterator[str]:
         x = float(time(tick))
         yield line(x, top, x, top + 5, class_="axis")
         kind = "tick" if index % 2 == 0 else "tick wide"
-        yield words(time_of_day(tick, step), x, top + 19, class_=kind, text_anchor="middle")
+        yield words(time_of_day(tick, step), min(x, time.end - 10.0), top + 19, class_=kind, text_anchor="middle")
     day = str(np.datetime64(round(time.low), "s").astype("datetime64[D]"))
     yield words(f"{day}, {name}", 0.5 * (time.start + time.end), top + 37, class_="axis-name", text_anchor="middle")
 

@@ -7,7 +7,7 @@ is kept. An edge has a colour that stays apart from the others under the common 
 import base64
 import io
 import math
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache
 from html import escape
@@ -171,6 +171,21 @@ class Scale:
         length = self.high - self.low
         step = next((one for one in TIME_STEPS_S if length / one <= most), TIME_STEPS_S[-1])
         return [float(step * index) for index in range(math.ceil(self.low / step), math.floor(self.high / step) + 1)]
+
+
+def grid(
+    across: Scale, upward: Scale, across_ticks: Mapping[float, str], upward_ticks: Mapping[float, str], name: str
+) -> Iterator[str]:
+    """Lines of a panel with what is written beside them, and the name of the axis upward."""
+    for tick, said in across_ticks.items():
+        x = float(across(tick))
+        yield line(x, upward.end, x, upward.start, class_="gridline")
+        yield words(said, x, upward.start + 18, class_="tick", text_anchor="middle")
+    for tick, said in upward_ticks.items():
+        y = float(upward(tick))
+        yield line(across.start, y, across.end, y, class_="gridline")
+        yield words(said, across.start - 6, y + 4, class_="tick", text_anchor="end")
+    yield words(name, across.start - 30, upward.end - 9, class_="axis-name")
 
 
 def round_step(length: float) -> float:

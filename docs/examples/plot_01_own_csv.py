@@ -28,6 +28,6 @@ for frequency, place in zip(source.to_table()["frequency_mhz"], stonyhurst, stri
     print(f"{frequency:.2f}: longitude {place.lon.deg:6.1f} deg, distance {place.radius.to_value('R_sun'):5.1f} R_sun")
 
 # %%
-# Grey outlines hold 68 % of the probability at each frequency. The positions are those of the *apparent* source: they
-# are not corrected for scattering (:doc:`/reading-a-burst`).
-axes = source.plot()
+# Filled outlines hold 68 % of the probability at each frequency; ``figure.save("map.pdf")`` keeps the map. The
+# positions are those of the *apparent* source: they are not corrected for scattering (:doc:`/reading-a-burst`).
+figure = source.plot()

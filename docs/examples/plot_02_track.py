@@ -14,7 +14,7 @@ from bella.spectra import event_spectra
 # %%
 # Arrival times from the spectra of 2012-06-07 that come with the package.
 arrivals = bella.time_edges(event_spectra(), "2012-06-07T19:25", frequencies=25)
-axes = arrivals.plot()
+times = arrivals.plot()
 
 # %%
 # The fit, its numbers with 68 % intervals, and what a reader should know before using them.
@@ -22,6 +22,10 @@ track = bella.fit_track(arrivals, draws=1000)
 print(track)
 print(track.record.flags)
 track.to_table()["phi0_deg", "phi0_low_deg", "phi0_high_deg", "v_sw_km_s", "v_sw_low_km_s", "v_sw_high_km_s"]
+
+# %%
+# The source at each frequency on that spiral, and the wedges that hold 68 and 95 % of the spirals.
+figure = track.plot()
 
 # %%
 # ``v_sw_not_constrained`` says that the wind was *not measured*: its interval is about as wide as that of the prior.

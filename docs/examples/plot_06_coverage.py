@@ -5,11 +5,10 @@ How well does a fleet localise a burst?
 Before an event is chosen, a map says how well the spacecraft of that day localise a source anywhere in the ecliptic.
 """
 
-import matplotlib.pyplot as plt
 import numpy as np
-from matplotlib.colors import LogNorm
 
 from bella.multilateration import PRESETS, uncertainty_map
+from bella.plotting import Figure, coverage_caption, coverage_figure
 from bella.spacecraft import fleet
 
 # %%
@@ -21,12 +20,4 @@ print(spacecraft[["observatory", "range_rsun", "longitude_deg"]].to_string(index
 # Timing errors of 20 s everywhere, and the standard deviation in the worst direction.
 positions = {row.observatory: np.array([row.x_rsun, row.y_rsun, row.z_rsun]) for row in spacecraft.itertuples()}
 uncertainty = uncertainty_map(positions, dict.fromkeys(positions, 20.0), PRESETS["default"].priors, size=150)
-fig, axes = plt.subplots()
-sd = uncertainty["sd_largest_rsun"]
-mesh = axes.pcolormesh(sd["x"], sd["y"], sd, norm=LogNorm(), cmap="viridis_r")
-fig.colorbar(mesh, label="standard deviation in the worst direction [solar radii]")
-for name, (x, y, _) in positions.items():
-    axes.plot(x, y, "k^")
-    axes.annotate(name, (x, y), textcoords="offset points", xytext=(5, 5))
-axes.plot(0, 0, "o", color="gold", markersize=10)
-axes.set(xlabel="x, HEE [solar radii], to Earth", ylabel="y, HEE [solar radii], west", aspect="equal")
+figure = Figure(coverage_figure(uncertainty), coverage_caption(uncertainty))

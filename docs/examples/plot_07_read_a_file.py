@@ -10,8 +10,10 @@ from datetime import date
 from pathlib import Path
 from tempfile import mkdtemp
 
-import matplotlib.pyplot as plt
+import numpy as np
+import xarray as xr
 
+from bella.plotting import Figure, SpectraView, spectra_caption, spectra_figure
 from bella.simulation.archive_days import simulate_days
 from bella.spectra import combine_receivers, open_spectra, over_background
 
@@ -29,10 +31,8 @@ print(f"{float(rad1['interpolated'].mean()):.0%} of the channels of RAD1 are int
 rad1
 
 # %%
-# Two receivers side by side, in decibels over the background.
+# Two receivers side by side, in decibels over the background: the first eight hours, in seconds since 1970.
 wind = over_background(combine_receivers(rad1, rad2))
-fig, axes = plt.subplots(figsize=(9, 4))
-part = wind["intensity"].sel(time=slice("2021-11-21T00", "2021-11-21T08"))
-mesh = axes.pcolormesh(part["time"], part["frequency"], part.T, vmin=0, vmax=15, cmap="magma", shading="nearest")
-fig.colorbar(mesh, label="dB over background")
-axes.set(yscale="log", xlabel="UTC, 2021-11-21", ylabel="frequency [MHz]")
+begin_s = np.datetime64("2021-11-21", "s").astype(float)
+look = SpectraView(span_s=(begin_s, begin_s + 8 * 3600.0), band_mhz=(0.02, 13.0))
+figure = Figure(spectra_figure(xr.DataTree.from_dict({"WIND": wind}), {}, look), spectra_caption("spacecraft"))

@@ -28,4 +28,4 @@ print(Counter(found.frame["tier"]))
 found.to_table()["observatory", "start_utc", "f_low_mhz", "f_high_mhz", "tier", "reason"][:8]
 
 # %%
-axes = found.plot()
+figure = found.plot()

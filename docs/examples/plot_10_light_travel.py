@@ -6,22 +6,21 @@ Each spectrum is drawn earlier by the time that light takes from the Sun to that
 say where the source was: it was nearer to the spacecraft where the burst is early.
 """
 
-import matplotlib.dates as mdates
-import matplotlib.pyplot as plt
 import numpy as np
 
+from bella.plotting import Figure, SpectraView, spectra_caption, spectra_figure
 from bella.spacecraft import light_time_s
 from bella.spectra import event_spectra
 
 when = np.datetime64("2012-06-07T19:30", "ns")
-spectra = {name: branch.to_dataset() for name, branch in event_spectra().children.items()}
-fig, rows = plt.subplots(len(spectra), 1, sharex=True, sharey=True, figsize=(8, 7), layout="constrained")
-for axes, (name, spectrum) in zip(rows, spectra.items(), strict=True):
-    light_s = light_time_s(name, when, [0.0, 0.0, 0.0]).item()
-    at_sun = spectrum["time"].to_numpy() - np.timedelta64(round(light_s * 1e9), "ns")
-    axes.pcolormesh(
-        at_sun, spectrum["frequency"], spectrum["intensity"].T, cmap="magma", vmin=0, vmax=1, shading="nearest"
-    )
-    axes.set(yscale="log", ylabel="frequency [MHz]", title=f"{name}, {light_s:.0f} s earlier")
-rows[-1].xaxis.set_major_formatter(mdates.DateFormatter("%H:%M"))
-rows[-1].set(xlabel="UTC less the light travel time from the Sun, 2012-06-07")
+spectra = event_spectra()
+light_s = {name: light_time_s(name, when, [0.0, 0.0, 0.0]).item() for name in spectra.children}
+for name, seconds in light_s.items():
+    print(f"{name}: {seconds:.0f} s earlier")
+
+# %%
+# Half an hour, given as seconds since 1970. ``figure.save("spectra.pdf")`` keeps what is drawn.
+begin_s = np.datetime64("2012-06-07T19:15", "s").astype(float)
+shifts_s = {name: -seconds for name, seconds in light_s.items()}
+look = SpectraView("sun", shifts_s, span_s=(begin_s, begin_s + 1800.0), band_mhz=(0.12, 2.0))
+figure = Figure(spectra_figure(spectra, {}, look), spectra_caption("sun"))

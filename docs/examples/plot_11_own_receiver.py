@@ -46,4 +46,4 @@ print(bella.detect(mine))
 others = [case.spectra[name] for name in ("WIND", "STEREO-A", "SOLO")]
 arrivals = bella.time_edges([mine, *others], case.around_utc, frequencies=10)
 print(arrivals)
-axes = arrivals.plot()
+figure = arrivals.plot()

@@ -53,7 +53,7 @@ print(posterior["joint_draws"].sel(joint_parameter="phi0_deg").quantile([0.16, 0
 # The arrival times behind it, localised again on this machine with another preset.
 arrivals = service.arrivals(burst_id)
 again = bella.localise(arrivals[arrivals["frequency_mhz"].value > 0.8], preset="robust", draws=200)
-axes = again.plot()
+figure = again.plot()
 
 # %%
 server.terminate()

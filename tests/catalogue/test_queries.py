@@ -164,6 +164,25 @@ def test_a_page_of_many_bursts_is_read_in_a_few_queries(catalogue: Catalogue) ->
     assert len([one for one in statements if one.startswith("SELECT")]) <= 6
 
 
+def test_points_are_the_preferred_answers_of_bursts_in_one_statement(three: Catalogue) -> None:
+    three.publish(publication("h9", of=burst("A"), series=Series("half_maximum", "posterior", "paper", 2)))
+    three.publish(publication(of=burst("D", START + timedelta(hours=3))))
+    for one in three.burst("D").solutions:
+        three.retract(one.solution_id, "timed on interference")
+    query = BurstQuery(sort="-start", flags_absent=frozenset({"outside_prior"}))
+    statements: list[str] = []
+    event.listen(three._engine, "before_cursor_execute", lambda *args: statements.append(args[2]))
+    page = three.points(query)
+    assert len([one for one in statements if one.startswith("SELECT")]) == 1
+    expected = three.bursts(query).bursts
+    assert [(one.burst_id, one.start_utc, one.origin, one.answer) for one in page.points] == [
+        (one.burst.burst_id, one.burst.start_utc, one.burst.origin, one.preferred and one.preferred.answer)
+        for one in expected
+    ]
+    assert page.points[0].answer is None
+    assert three.points(replace(query, limit=2)).total == len(expected) == 3
+
+
 @pytest.fixture
 def placed(catalogue: Catalogue) -> Catalogue:
     """Bursts at four longitudes, of which the last has no track; A and B are out of the ecliptic."""
