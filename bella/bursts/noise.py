@@ -12,6 +12,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import numpy.typing as npt
 from scipy.linalg import cho_factor, cho_solve, cholesky, solve_triangular
+from scipy.optimize import nnls
 
 from bella.arrivals import error_scale_s, evenly_spread
 from bella.exceptions import NoDataError
@@ -450,20 +451,23 @@ def _between_neighbours(channels_mhz: FloatArray, frequency_mhz: FloatArray) -> 
     return np.asarray(inside & (above <= WIDEST_HOLE * below))
 
 
-def _smooth_share(timed: Timed, own_s2: FloatArray) -> FloatArray:
-    """Share of the variance of interpolated times that is smooth along frequency, from what neighbours share."""
-    share = np.zeros(timed.frequency_mhz.size)
-    log_f, deviation = np.log(timed.frequency_mhz), np.sqrt(np.diag(own_s2))
+def _smooth_shares(timed: Timed, own_s2: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Shares of the variance of interpolated times that are smooth along frequency, and that last along the band.
+
+    From the correlations of the rows of each spacecraft, by least squares, none below zero.
+    """
+    smooth, lasting = np.zeros(timed.frequency_mhz.size), np.zeros(timed.frequency_mhz.size)
     for name in dict.fromkeys(timed.observatory):
         rows = np.flatnonzero(timed.observatory == name)
-        rows = rows[np.argsort(log_f[rows])]
-        before, after = rows[:-1], rows[1:]
-        if not before.size:
+        if rows.size < 2:
             continue
-        common = own_s2[before, after] / np.maximum(deviation[before] * deviation[after], LEAST_SIGMA_S**2)
-        expected = np.exp(-0.5 * ((log_f[after] - log_f[before]) / SHAPE_LENGTH_LN_F) ** 2)
-        share[rows] = np.clip(np.median(common / expected), 0.0, 1.0)
-    return share
+        one, other = np.triu_indices(rows.size, 1)
+        deviation = np.maximum(np.sqrt(np.diag(own_s2)[rows]), LEAST_SIGMA_S)
+        correlation = (own_s2[np.ix_(rows, rows)] / np.outer(deviation, deviation))[one, other]
+        near = _smooth(timed.frequency_mhz[rows], np.ones(rows.size), SHAPE_LENGTH_LN_F)[one, other]
+        found = nnls(np.stack([near, np.ones(near.size)], axis=1), correlation)[0]
+        smooth[rows], lasting[rows] = found / max(found.sum(), 1.0)
+    return smooth, lasting
 
 
 def _own_variance(timed: Timed) -> tuple[FloatArray, FloatArray]:
@@ -515,11 +519,18 @@ def noise_columns(timed: Timed) -> dict[str, FloatArray]:
         ``sigma_s``, ``shape_sd_s``, ``offset_sd_s``, ``delay_sd_s`` and ``rise_s``.
     """
     variance, own_s2 = _own_variance(timed)
-    smooth = variance * (_smooth_share(timed, own_s2) if timed.correlated_s2.size else 1.0)
+    smooth, lasting = _smooth_shares(timed, own_s2) if timed.correlated_s2.size else (1.0, 0.0)
+    shape_s2, offset_s2 = variance * smooth, np.zeros(variance.size)
+    for name in dict.fromkeys(timed.observatory):
+        rows = np.flatnonzero(timed.observatory == name)
+        along = (variance * lasting)[rows]
+        offset_s2[rows] = along.mean()
+        shape_s2[rows] += np.maximum(along - along.mean(), 0.0)
+    alone = timed.channel_sd_s**2 + variance * (1.0 - smooth - lasting)
     return {
-        "sigma_s": np.sqrt(np.maximum(timed.channel_sd_s**2 + variance - smooth, LEAST_SIGMA_S**2)),
-        "shape_sd_s": np.sqrt(smooth + timed.shape_sd_s**2),
-        "offset_sd_s": timed.offset_s,
+        "sigma_s": np.sqrt(np.maximum(alone, LEAST_SIGMA_S**2)),
+        "shape_sd_s": np.sqrt(shape_s2 + timed.shape_sd_s**2),
+        "offset_sd_s": np.sqrt(offset_s2 + timed.offset_s**2),
         "delay_sd_s": timed.width_share * timed.rise_s,
         "rise_s": timed.rise_s,
     }
