@@ -114,7 +114,7 @@ def test_track_section_has_a_column_per_method_and_says_why_they_differ(client: 
     section = text[text.index('id="track-title"') : text.index('id="download-title"')]
     columns = re.findall(r'<th scope="col" class="value">([^<]+)</th>', section)
     assert columns == ["Joint", "Two-step", "Piecewise", "SEMP"]
-    assert re.findall(r'data-method="Joint">(29.0 .24.6 to 33.4.) <span class="within">(20.0 to 38.0)', section)
+    assert re.findall(r'data-name="Joint">(29.0 .24.6 to 33.4.) <span class="within">(20.0 to 38.0)', section)
     for words in (
         "claims ± 12 km/s where the joint fit finds ± 80, 7 times as much",
         "with 25.38 d instead of 24.47 d each is 3.6 % lower",
