@@ -21,7 +21,7 @@ from starlette.concurrency import run_in_threadpool
 from starlette.types import Receive, Scope, Send
 
 from api.errors import NotAcceptableError
-from api.freshness import REVALIDATE, WITHOUT_BODY, is_known, last_modified, not_modified, tag_of
+from api.freshness import WITHOUT_BODY, is_known, last_modified, not_modified, tag_of
 from api.links import linked
 from api.queries import BurstFilter, DetectionFilter, EventFilter, SolutionChoice
 from bella.catalogue import BurstPage, BurstQuery, BurstSummary, Catalogue, Detection
@@ -66,7 +66,6 @@ def streamed(request: Request, pieces: Generator[bytes], media_type: str, header
     BusyError
         Where `AT_ONCE` replies are streamed already.
     """
-    headers = {"Cache-Control": REVALIDATE, **headers}
     if request.scope.get(WITHOUT_BODY):
         return StreamingResponse(iter(()), media_type=media_type, headers=headers)
     running = _in_one_context(pieces)
@@ -277,7 +276,7 @@ def whole_list(  # noqa: PLR0913, PLR0917 - what is asked for, of what, and how 
     tag = tag_of((), catalogue.state_of(query), chosen.name, linked("/"))
     modified = last_modified(catalogue.changed_utc("bursts"))
     if is_known(request, tag, modified.get("Last-Modified")):
-        return not_modified(tag)
+        return not_modified(tag, Vary="Accept")
     return streamed(
         request,
         _snapped(catalogue, query, pieces),

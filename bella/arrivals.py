@@ -23,8 +23,9 @@ import numpy.typing as npt
 import pandas as pd
 import xarray as xr
 
+from bella.containers import check_hdf5
 from bella.csv_tables import parse_table, read_table_text
-from bella.exceptions import InputError
+from bella.exceptions import InputError, NoDataError
 from bella.heliosphere.scattering import rise_s
 from bella.spacecraft import observatory_name, position_hee
 from bella.units import AU_RSUN, DAY_S, FloatArray
@@ -38,6 +39,9 @@ RISE = "rise_s"
 OPTIONAL = ("flag", *POSITION, *NUISANCE, RISE)
 SHAPE_LENGTH = "shape_length_ln_f"
 """Name, in the header of a table, of the correlation length of ``shape_sd_s``."""
+
+CALLED = "table_name"
+"""Attribute of a frame: what it is called in error messages."""
 
 SHAPE_LENGTH_LN_F = 0.5
 """The same where a table does not state it: that of the errors of edges of eight families of light curves."""
@@ -208,9 +212,7 @@ def parse_arrivals(text: str, *, source: str = "arrival table", received_by: int
     return check_arrivals(parse_table(text, source), source=source, received_by=received_by)
 
 
-def check_arrivals(
-    frame: pd.DataFrame, *, source: str = "arrival table", received_by: int = MIN_OBSERVATORIES
-) -> pd.DataFrame:
+def check_arrivals(frame: pd.DataFrame, *, source: str = "", received_by: int = MIN_OBSERVATORIES) -> pd.DataFrame:
     """Check an arrival table and give its columns their types.
 
     Parameters
@@ -218,7 +220,7 @@ def check_arrivals(
     frame : pandas.DataFrame
         At least the columns `REQUIRED`; text or typed.
     source : str
-        What the table is called in error messages.
+        What the table is called in error messages, here and where it is used.
     received_by : int
         So many observatories there must be.
 
@@ -234,6 +236,7 @@ def check_arrivals(
     InputError
         Names the row (1 is the first row under the heading) and column that is wrong.
     """
+    source = source or _called(frame)
     missing = [name for name in REQUIRED if name not in frame.columns]
     if missing:
         raise InputError(f"{source}: column {missing[0]} is missing; needed are {', '.join(REQUIRED)}")
@@ -256,7 +259,7 @@ def check_arrivals(
     )
     given = _optional(frame, RISE, source, 0.0, (0.0, DAY_S))
     table[RISE] = np.where(given > 0, given, rise_s(table["frequency_mhz"].to_numpy()))
-    table.attrs = {SHAPE_LENGTH: _shape_length(frame, source)}
+    table.attrs = {SHAPE_LENGTH: _shape_length(frame, source), CALLED: source}
     table["observatory"] = _known_names(table, source)
     _check_rows_agree(table, source)
     names = sorted(set(table["observatory"]))
@@ -323,9 +326,10 @@ def read_covariance(path: Path, rows: int) -> FloatArray:
         If it cannot be read, has another shape, or is no covariance.
     """
     try:
+        check_hdf5(path)
         with xr.open_dataset(path, engine="h5netcdf") as stored:
             covariance = stored["covariance_s2"].to_numpy().astype(np.float64)
-    except (OSError, KeyError, ValueError) as error:
+    except (OSError, KeyError, ValueError, TypeError, RuntimeError) as error:
         raise InputError(f"{path}: no covariance_s2 can be read ({error}); give what bella arrivals wrote") from error
     check_covariance(covariance, rows, source=str(path))
     return covariance
@@ -359,15 +363,13 @@ def check_covariance(covariance_s2: FloatArray, rows: int, *, source: str = "cov
         raise InputError(f"{source}: covariance_s2 is not that of errors; no eigenvalue may be below 0")
 
 
-def locate_receivers(frame: pd.DataFrame, *, source: str = "arrival table") -> pd.DataFrame:
+def locate_receivers(frame: pd.DataFrame) -> pd.DataFrame:
     """Fill in where each receiver was, from the ephemeris, in the rows that do not say it themselves.
 
     Parameters
     ----------
     frame : pandas.DataFrame
         As :func:`check_arrivals` returns it.
-    source : str
-        What the table is called in error messages.
 
     Returns
     -------
@@ -392,9 +394,11 @@ def locate_receivers(frame: pd.DataFrame, *, source: str = "arrival table") -> p
         except InputError as error:
             row = int(frame.index.get_indexer(unplaced[:1])[0])
             raise InputError(
-                f"{source}: row {row + 1}, column observatory: {observatory!r} is not in the ephemeris; "
+                f"{_called(frame)}: row {row + 1}, column observatory: {observatory!r} is not in the ephemeris; "
                 "add the columns x_rsun, y_rsun, z_rsun (HEE)"
             ) from error
+        except NoDataError as error:
+            raise NoDataError(f"{_called(frame)}: {error}") from error
         located.loc[unplaced, list(POSITION)] = where
     return located
 
@@ -408,7 +412,6 @@ def reference_utc(frame: pd.DataFrame) -> np.datetime64:
 def arrival_grid(
     frame: pd.DataFrame,
     *,
-    source: str = "arrival table",
     received_by: int = MIN_OBSERVATORIES,
     covariance_s2: FloatArray | None = None,
 ) -> ArrivalGrid:
@@ -418,8 +421,6 @@ def arrival_grid(
     ----------
     frame : pandas.DataFrame
         As :func:`locate_receivers` returns it.
-    source : str
-        What the table is called in error messages.
     received_by : int
         Frequencies of fewer observatories are left out.
     covariance_s2 : ndarray, shape (N, N), optional
@@ -454,10 +455,15 @@ def arrival_grid(
     enough = np.isfinite(grid.arrival_s).sum(axis=1) >= received_by
     if not enough.any():
         raise InputError(
-            f"{source}: no frequency has arrival times of {received_by} observatories; "
+            f"{_called(frame)}: no frequency has arrival times of {received_by} observatories; "
             "put the arrival times of all spacecraft on common frequencies"
         )
     return grid.take(enough)
+
+
+def _called(frame: pd.DataFrame) -> str:
+    """What a table is called in error messages."""
+    return str(frame.attrs.get(CALLED, "arrival table"))
 
 
 def _spread(values: FloatArray, row: IntArray, column: IntArray, names: tuple[str, ...]) -> FloatArray:

@@ -1,5 +1,6 @@
 """Tables that are handed in as CSV: from a file or text to a frame of text, with one line for whatever is wrong."""
 
+import codecs
 import io
 from pathlib import Path
 
@@ -7,9 +8,18 @@ import pandas as pd
 
 from bella.exceptions import InputError
 
+SEPARATORS = (",", ";", "\t")
+"""Between columns; spreadsheets write semicolons where numbers have a decimal comma."""
+
+OTHER_NUMBERS = {
+    r"^\s*([+-]?\d*),(\d+)((?:[eE][+-]?\d+)?)\s*$": r"\1.\2\3",
+    r"^\s*([+-]?\d*\.?\d+\.?)[dD]([+-]?\d+)\s*$": r"\1e\2",
+}
+"""Numbers with a decimal comma, which a comma between columns does not leave whole, and with an exponent of Fortran."""
+
 
 def read_table_text(path: Path) -> str:
-    """Text of a CSV file.
+    """Text of a CSV file, in UTF-8, or UTF-16 with its mark.
 
     Raises
     ------
@@ -17,13 +27,21 @@ def read_table_text(path: Path) -> str:
         If the file cannot be read as text.
     """
     try:
-        return path.read_text(encoding="utf-8")
-    except (OSError, UnicodeDecodeError) as error:
-        raise InputError(f"{path}: cannot be read as a text file ({error}); give the path of a CSV table") from error
+        content = path.read_bytes()
+        is_utf16 = content.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE))
+        return content.decode("utf-16" if is_utf16 else "utf-8")
+    except OSError as error:
+        raise InputError(f"{path}: cannot be read ({error.strerror}); give the path of a CSV table") from error
+    except UnicodeDecodeError as error:
+        line = content[: error.start].count(b"\n") + 1
+        raise InputError(f"{path}: line {line} is not text in UTF-8; give a CSV table, saved as UTF-8") from error
 
 
 def parse_table(text: str, source: str) -> pd.DataFrame:
     """Cells of a CSV table, all of them text; lines that begin with # are comments, of which some state a number.
+
+    Columns may be separated by semicolons or tabs, and numbers have decimal commas or exponents of Fortran, which are
+    made those of CSV; names of columns are without blanks and, where that keeps them apart, in lower case.
 
     Parameters
     ----------
@@ -42,13 +60,22 @@ def parse_table(text: str, source: str) -> pd.DataFrame:
     """
     lines = list(io.StringIO(text.removeprefix("\ufeff"), newline=None))
     rows = [line for line in lines if not line.startswith("#")]
+    heading = next(filter(str.strip, rows), "")
+    separator = max(SEPARATORS, key=heading.count)
     try:
-        frame = pd.read_csv(io.StringIO("".join(rows)), dtype=str, keep_default_na=False, skipinitialspace=True)
+        frame = pd.read_csv(
+            io.StringIO("".join(rows)), sep=separator, dtype=str, keep_default_na=False, skipinitialspace=True
+        )
     except (pd.errors.ParserError, pd.errors.EmptyDataError, ValueError) as error:
         reason = " ".join(str(error).split())
         raise InputError(f"{source}: is not a CSV table ({reason}); its first line must name the columns") from error
     if not isinstance(frame.index, pd.RangeIndex):
         raise InputError(f"{source}: row 1 has more columns than the header; check the separators")
+    if len(frame.columns) == 1:
+        raise InputError(f"{source}: its first line names one column, {frame.columns[0]!r}; put commas between columns")
+    plain = [name.strip().lower() for name in frame.columns]
+    frame.columns = plain if len(set(plain)) == len(plain) else frame.columns.str.strip()
+    frame = frame.replace(OTHER_NUMBERS, regex=True)
     stated = (line[1:].partition(":") for line in lines if line.startswith("#") and ":" in line)
     frame.attrs = {name.strip(): value.strip() for name, _, value in stated}
     return frame

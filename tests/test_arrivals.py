@@ -154,8 +154,7 @@ def test_three_spacecraft_without_a_common_frequency_are_refused() -> None:
         '"' + GOOD,
         '{"observatory": "WIND"}',
         "<html><body>not found</body></html>",
-        GOOD.replace(",", ";"),
-        GOOD.replace(",", "\t"),
+        GOOD.replace(",", "|"),
         GOOD + "WIND,0.4,2012-06-07T19:30:00Z,7,half_maximum,extra,extra\n",
         "\n".join([HEADING] + [row + "," for row in ROWS]),
         "\n".join([HEADING] + [row + ",extra,extra" for row in ROWS]),
@@ -174,7 +173,7 @@ def test_files_that_cannot_be_read_are_refused(tmp_path) -> None:
     binary, folder = tmp_path / "binary.csv", tmp_path
     binary.write_bytes(b"\xff\xfe\x00\x89PNG" + bytes(range(256)))
     for path in (binary, folder, tmp_path / "absent.csv"):
-        with pytest.raises(InputError, match="cannot be read as a text file") as caught:
+        with pytest.raises(InputError, match=r"cannot be read|not text in UTF-8|not a CSV table") as caught:
             read_arrivals(path)
         assert len(str(caught.value).splitlines()) == 1
 
@@ -196,6 +195,11 @@ def test_a_huge_table_is_refused() -> None:
         GOOD.replace(",", ", "),
         GOOD.replace(",7,", ",7.0 ,"),
         GOOD.replace("Z", ""),
+        GOOD.replace(",", ";"),
+        GOOD.replace(",", "\t"),
+        GOOD.replace(",", ";").replace("0.5;", "0,5;"),
+        GOOD.replace("0.5,", "5.0D-01,"),
+        GOOD.replace(HEADING, HEADING.upper().replace(",", " , ")),
         GOOD.replace("T", " ", 0).replace("07T", "07 "),
         GOOD.replace("T19:30:00.250Z", "T21:30:00.250+02:00"),
         GOOD.replace("2012-06-07T19:30:00.250Z", "2012-06-08T01:30:00.250+06:00"),
@@ -232,17 +236,28 @@ def test_partial_positions_are_refused(old, new, reason) -> None:
 
 
 def test_an_unknown_observatory_needs_a_position() -> None:
-    table = parse_arrivals(GOOD.replace("STEREO-B", "ULYSSES"))
+    table = parse_arrivals(GOOD.replace("STEREO-B", "ULYSSES"), source="t")
     with pytest.raises(InputError, match=r"^t: row 3, column observatory: 'ULYSSES' is not in the ephemeris; add"):
-        locate_receivers(table, source="t")
+        locate_receivers(table)
 
     located = locate_receivers(parse_arrivals(PLACED))
     assert located["y_rsun"].tolist() == [1.0, 11.0, 21.0]
 
 
 def test_a_time_outside_the_ephemeris_is_no_data() -> None:
-    with pytest.raises(NoDataError, match="2150"):
-        locate_receivers(parse_arrivals(GOOD.replace("2012-", "2150-")))
+    with pytest.raises(NoDataError, match=r"^t: .*2150"):
+        locate_receivers(parse_arrivals(GOOD.replace("2012-", "2150-"), source="t"))
+
+
+def test_a_table_keeps_its_name_through_all_that_is_done_with_it() -> None:
+    apart = parse_arrivals(GOOD.replace("WIND,0.5", "WIND,0.6"), source="mine.csv")
+    with pytest.raises(InputError, match=r"^mine\.csv: no frequency has arrival times of 3"):
+        arrival_grid(locate_receivers(check_arrivals(apart)))
+
+
+def test_a_table_of_a_spreadsheet_in_utf_16_is_read(tmp_path) -> None:
+    (tmp_path / "sheet.csv").write_text(GOOD, encoding="utf-16")
+    pd.testing.assert_frame_equal(read_arrivals(tmp_path / "sheet.csv"), parse_arrivals(GOOD))
 
 
 def test_receivers_are_placed_at_their_own_times_in_one_frame() -> None:

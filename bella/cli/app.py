@@ -2,6 +2,7 @@
 
 import inspect
 import sys
+import warnings
 from collections.abc import Callable
 from functools import wraps
 from typing import Annotated, Any
@@ -134,6 +135,8 @@ for name, group in (
 def main() -> None:
     """Run the command line; an error raised on purpose ends it with one line and its exit code."""
     log_nothing()
+    if not sys.warnoptions:
+        warnings.simplefilter("ignore")  # those of libraries are for people who write programs
     try:
         app()
     except BellaError as error:

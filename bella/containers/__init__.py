@@ -1,6 +1,6 @@
 """Files as such, whole or damaged, whatever they hold: CDF and HDF5 read by a process of their own, gzip, times."""
 
-from bella.containers.bounded import INFLATED_BYTES, LEAST_CPU_S, READER, inflate, reading
+from bella.containers.bounded import INFLATED_BYTES, READER, check_hdf5, inflate, reading
 from bella.containers.cdf import (
     LARGEST_NUMBER,
     MAGIC,
@@ -18,13 +18,13 @@ from bella.containers.cdf import (
 __all__ = [
     "INFLATED_BYTES",
     "LARGEST_NUMBER",
-    "LEAST_CPU_S",
     "MAGIC",
     "MHZ",
     "READER",
     "CdfFile",
     "NumberArray",
     "TimeArray",
+    "check_hdf5",
     "in_mhz",
     "inflate",
     "open_cdf",

@@ -9,6 +9,7 @@ import atexit
 import json
 import math
 import os
+import re
 import select
 import signal
 import subprocess
@@ -37,7 +38,7 @@ INFLATED_BYTES = 256 << 20
 """Most that one file may hold once decompressed; a day at native cadence holds less than half."""
 
 LARGEST_ANSWER_BYTES = 1 << 30
-UNREADABLE = ("compress", "encod", "unsupported", "not implemented")
+UNREADABLE = re.compile(r"(?<!de)compression|encod|unsupported|not (?:implemented|supported|registered)", re.IGNORECASE)
 """Words of libraries about what they do not read in a file that may be whole."""
 
 
@@ -62,8 +63,7 @@ def reading(name: str, kind: str) -> Iterator[None]:
         raise
     except Exception as error:
         reason = " ".join(str(error).split())[:160] or type(error).__name__
-        is_kind = any(word in reason.lower() for word in UNREADABLE)
-        advice = f"write it anew as a plain {kind}" if is_kind else "download it again"
+        advice = f"write it anew as a plain {kind}" if UNREADABLE.search(reason) else "download it again"
         raise InputError(f"{name} cannot be read as {kind} ({reason}): {advice}") from error
 
 
@@ -75,7 +75,7 @@ class ReaderProcess:
         self._process: subprocess.Popen[bytes] | None = None
         self._owner = 0
 
-    def ask(self, do: str, *of: Any, cpu_s: int = LEAST_CPU_S) -> Any:
+    def ask(self, do: str, *of: Any, cpu_s: float = LEAST_CPU_S) -> Any:
         """What the process answers to a request; hold ``lock`` through the requests of one file.
 
         Parameters
@@ -84,7 +84,7 @@ class ReaderProcess:
             Name of the request.
         of : Any
             Its arguments, as JSON has them.
-        cpu_s : int
+        cpu_s : float
             Longest that it may take, s of the processor.
 
         Returns
@@ -127,7 +127,7 @@ class ReaderProcess:
             )
         return self._process
 
-    def _answer(self, process: "subprocess.Popen[bytes]", cpu_s: int) -> Any:
+    def _answer(self, process: "subprocess.Popen[bytes]", cpu_s: float) -> Any:
         stream = process.stdout
         if stream is None or not select.select([stream], [], [], WALL_FACTOR * cpu_s)[0]:
             raise EOFError
@@ -148,20 +148,38 @@ class ReaderProcess:
             left = left[count:]
         return values
 
-    def _why_ended(self, cpu_s: int) -> str:
+    def _why_ended(self, cpu_s: float) -> str:
         process = self._process
         try:
             code = process.wait(1.0) if process is not None else 0
         except subprocess.TimeoutExpired:
             code = 0
         self.stop()
-        if code in {0, -signal.SIGXCPU}:
-            return f"the library that reads it hangs or crashes on it: it does not end within {cpu_s} s"
+        if code in {0, -signal.SIGPROF}:
+            return f"the library that reads it hangs or crashes on it: it does not end within {cpu_s:g} s"
         return f"the library that reads it hangs or crashes on it, signal {-code}"
 
 
 READER = ReaderProcess()
 atexit.register(READER.stop)
+
+
+def check_hdf5(path: Path, cpu_s: float = LEAST_CPU_S) -> None:
+    """Read a file in the process for damaged files, where the HDF5 library may hang or crash without harm.
+
+    Parameters
+    ----------
+    path : pathlib.Path
+        HDF5 file.
+    cpu_s : float
+        Longest it may take, s of the processor.
+
+    Raises
+    ------
+    ValueError
+        If it cannot be read, or not in bounded time and memory.
+    """
+    READER.ask("probe", str(path.absolute()), cpu_s=cpu_s)
 
 
 def cpu_limit_s(path: Path) -> int:

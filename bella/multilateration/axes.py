@@ -17,11 +17,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from bella.multilateration.likelihood import density, mixed, slope_and_information
-from bella.multilateration.problems import IntArray, Problems
+from bella.multilateration.problems import IntArray, Problems, of_problem
 from bella.units import FloatArray
 
 TRIED_DIRECTIONS, TRIED_RSUN = 8, (20.0, 70.0, 150.0)
 """Places from which the top of the posterior is looked for: directions, and distances from the Sun."""
+LEAST_INFORMATION = 1e-9
+"""Of the whole on a position, for its worst direction: where errors are so small, rounding would make it singular."""
 STEPS_TO_TOP, SHARES_OF_STEP = 4, (0.0, 0.1, 0.3, 1.0)
 """Gauss-Newton steps towards the top, and the shares of each that are tried: enough for the direction there."""
 LONG = 4.0
@@ -92,33 +94,50 @@ class Axes:
 
     def place(self, along: FloatArray, owner: slice | IntArray) -> FloatArray:
         """Positions of coordinates along the axes of some problems, shape (D, *S) both, solar radii."""
-        across, ahead = along[:2]
+        return self.turned_back(self.shaped(along, owner)[0], owner)
+
+    def shaped(self, along: FloatArray, owner: slice | IntArray) -> tuple[FloatArray, FloatArray | None]:
+        """The same before they are turned, in the frame of :meth:`Problems.turned`, and how their second axis leans.
+
+        That is the step along the first axis that goes with one along the second; None where both are straight.
+        """
+        if self.curve is None and self.fan is None:
+            return along, None
+        (across, ahead), lean = along[:2], None
         if self.curve is not None:
-            across = across + self.bend(ahead, owner)[0]
+            aside, lean = self.bend(ahead, owner)
+            across = across + aside
         if self.fan is not None:
-            apex_across, apex_ahead, scale = self.fan[:, owner]
-            across = apex_across + across * np.cosh(ahead / scale)
-            ahead = apex_ahead + scale * np.sinh(ahead / scale)
-        cosine, sine = self.turn[:, owner]
-        return np.stack([cosine * across - sine * ahead, sine * across + cosine * ahead, *along[2:]])
+            apex_across, apex_ahead, scale = of_problem(self.fan, owner)
+            wider = np.cosh(ahead / scale)
+            turned = across / scale * np.tanh(ahead / scale)
+            lean = turned if lean is None else turned + lean
+            across, ahead = apex_across + across * wider, apex_ahead + scale * np.sinh(ahead / scale)
+        return np.stack([across, ahead, *along[2:]]), lean
+
+    def turned_back(self, points: FloatArray, owner: slice | IntArray) -> FloatArray:
+        """Positions of points in the turned frames of some problems, shape (D, *S) both, solar radii."""
+        (cosine, sine), (across, ahead) = of_problem(self.turn, owner), points[:2]
+        return np.stack([cosine * across - sine * ahead, sine * across + cosine * ahead, *points[2:]])
 
     def log_area(self, along: FloatArray, owner: slice | IntArray) -> FloatArray:
         """Logarithm of the area that a unit of coordinates covers there, shape S; 0 but in fans."""
         if self.fan is None:
             return np.zeros(along.shape[1:])
-        return np.asarray(2 * np.log(np.cosh(along[1] / self.fan[2, owner])))
+        return np.asarray(2 * np.log(np.cosh(along[1] / of_problem(self.fan[2], owner))))
 
     def bend(self, ahead: FloatArray, owner: slice | IntArray) -> tuple[FloatArray, FloatArray]:
         """H and its slope at coordinates along the second axis, solar radii; for axes with a bend only."""
         assert self.curve is not None  # noqa: S101 - the caller has looked
         parts = self.curve.shape[1]
-        problem = np.arange(self.step.size)[owner]
-        s = (ahead - self.start[owner]) / self.step[owner]
+        problem = np.arange(self.step.size)[owner] if isinstance(owner, slice) else owner
+        step = of_problem(self.step, owner)
+        s = (ahead - of_problem(self.start, owner)) / step
         part = np.fmin(np.fmax(np.floor(s) + 1, 0), parts - 1).astype(np.intp)  # outlines are parted by NaN
         s = s - np.maximum(part - 1, 0)
         place = part * self.step.size + problem
         h0, h1, h2, h3 = (one.take(place) for one in self.curve.reshape(4, -1))
-        return h0 + s * (h1 + s * (h2 + s * h3)), (h1 + s * (2 * h2 + s * 3 * h3)) / self.step[owner]
+        return h0 + s * (h1 + s * (h2 + s * h3)), (h1 + s * (2 * h2 + s * 3 * h3)) / step
 
     def bulge(self, half_side: FloatArray) -> FloatArray:
         """Farthest that h is from a straight line over half a cell along the second axis, shape (B,), solar radii."""
@@ -132,8 +151,8 @@ class Axes:
     def within(self, points: FloatArray, reach: FloatArray, owner: IntArray) -> tuple[FloatArray, FloatArray]:
         """Lowest and highest coordinates of fans within a distance (M,) of points (2, M), shape (2, M) each."""
         assert self.fan is not None  # noqa: S101 - the caller has made it
-        apex_across, apex_ahead, scale = self.fan[:, owner]
-        cosine, sine = self.turn[:, owner]
+        apex_across, apex_ahead, scale = self.fan.take(owner, axis=1)
+        cosine, sine = self.turn.take(owner, axis=1)
         across = cosine * points[0] + sine * points[1] - apex_across
         ahead = cosine * points[1] - sine * points[0] - apex_ahead
         low, high = (scale * np.arcsinh((ahead + way * reach) / scale) for way in (-1, 1))
@@ -149,16 +168,10 @@ class Axes:
         """How far cells of some half sides reach along the axes at their centres, shape (D, M), solar radii."""
         if self.fan is None:
             return half_sides
-        scale = self.fan[2, owner]
+        scale = of_problem(self.fan[2], owner)
         widest = np.cosh((np.abs(along[1]) + half_sides[1]) / scale)
         turned = np.abs(along[0]) * (np.cosh(half_sides[1] / scale) - 1) / np.cosh(along[1] / scale)
         return np.stack([half_sides[0] * widest + turned, half_sides[1] * widest])
-
-    def lean(self, along: FloatArray, owner: slice | IntArray) -> FloatArray | None:
-        """Step along the first axis that goes with one along the second; None where both are straight."""
-        if self.fan is not None:
-            return np.asarray(along[0] / self.fan[2, owner] * np.tanh(along[1] / self.fan[2, owner]))
-        return None if self.curve is None else self.bend(along[1], owner)[1]
 
     def limits(self, reach_rsun: float, dimensions: int) -> tuple[FloatArray, FloatArray]:
         """Lowest and highest coordinates along the axes of places within a distance of the Sun, shape (D, B) each."""
@@ -172,8 +185,8 @@ class Axes:
         return low, high
 
 
-def axes_of(problems: Problems) -> Axes:
-    """Axes along which each posterior needs few cells.
+def axes_of(problems: Problems) -> tuple[Axes, FloatArray]:
+    """Axes along which each posterior needs few cells, and a place near the top of each, shape (D, B), solar radii.
 
     Gauss-Newton steps from the best of some places lead to its top. They need not succeed: with poor axes cells are
     more, not worse.
@@ -181,7 +194,7 @@ def axes_of(problems: Problems) -> Axes:
     top, information = _top(problems)
     angle = 0.5 * np.arctan2(2 * information[0, 1], information[0, 0] - information[1, 1])
     turn = np.stack([np.cos(angle), np.sin(angle)])
-    return Axes.straight(turn) if problems.dimensions == 3 else _bent(problems, turn, top, information)
+    return Axes.straight(turn) if problems.dimensions == 3 else _bent(problems, turn, top, information), top
 
 
 def _top(problems: Problems) -> tuple[FloatArray, FloatArray]:
@@ -194,7 +207,8 @@ def _top(problems: Problems) -> tuple[FloatArray, FloatArray]:
     for _ in range(STEPS_TO_TOP):
         top = tried[:, rows, mixed(density(spread, tried)).argmax(axis=1)]
         slope, information = (values[..., 0, :] for values in slope_and_information(problems, top))
-        precision = np.moveaxis(information, -1, 0) + problems.priors.tau_rsun**-2.0 * np.eye(problems.dimensions)
+        least = problems.priors.tau_rsun**-2.0 + LEAST_INFORMATION * np.einsum("iib->b", information)
+        precision = np.moveaxis(information, -1, 0) + least[:, None, None] * np.eye(problems.dimensions)
         step = np.linalg.solve(precision, slope.T[..., None])[..., 0].T
         tried = top[..., None] + step[..., None] * np.array(SHARES_OF_STEP)
     return top, information

@@ -3,8 +3,8 @@
 Space is divided into equal rectangles that are halved until the density changes little across one. One side lies along
 the direction in which the posterior is sharpest, the other follows its ridge (:mod:`bella.multilateration.axes`): a
 long narrow one then takes long narrow cells. A cell is dropped only when an upper bound of the density anywhere in it
-is far below the best value found: the root of the misfit is Lipschitz in x, because distances change by no more than
-the source moves and delays by no more than directions turn. The bound looks for slowness and kappa within `RANGE_SD`.
+is far below the best value found: the root of the misfit falls by no more than its slope says, and the slope changes by
+no more than directions turn. The bound looks for slowness and kappa within `RANGE_SD`.
 All final cells of a problem have one size, so that the midpoint rule on them is accurate far beyond its order. In space
 the rectangles are boxes, turned about the z axis.
 """
@@ -22,17 +22,19 @@ from bella.multilateration.likelihood import (
     RANGE_SD,
     Local,
     Survey,
+    density,
     evaluate,
     mixed,
     survey,
 )
-from bella.multilateration.problems import BoolArray, IntArray, Problems, blocks
+from bella.multilateration.priors import Priors
+from bella.multilateration.problems import BoolArray, IntArray, Problems, blocks, of_problem
 from bella.multilateration.speed import SpeedMoments, log_speed_factor, speed_moments
 from bella.units import FloatArray
 
 BOX_NATS = 18.0
 """The first box reaches to where the prior of the position has fallen by so much."""
-FIRST_CELLS = 12
+FIRST_CELLS = 6
 """Cells per axis at the start."""
 DROP_NATS = 13.0
 """A cell is dropped when its bound is this far below the best density."""
@@ -55,6 +57,9 @@ MOST_LOG_DET = 700.0
 """Larger ones would overflow; the bound is then only less tight."""
 MOST_PARTS = 3
 """In so many parts, at most, a cell is divided at once when that makes it final."""
+STEADY = 0.5
+"""Cells that reach less far than this part of the way to the Sun or a receiver tell how sharp the posterior is in the
+final ones, which then are not surveyed themselves."""
 WAITS = 3.0
 """Cells are not divided along an axis while they are so many times more too long along another: how sharp the posterior
 is along its ridge shows only once they are narrow."""
@@ -99,9 +104,13 @@ class Lattice:
         """Positions, shape (D, *S), of coordinates in cells of the lattices of some problems, solar radii."""
         return self.axes.place(self.along(index, owner), owner)
 
-    def along(self, index: npt.NDArray[np.floating], owner: IntArray) -> FloatArray:
+    def along(self, index: npt.NDArray[np.floating], owner: slice | IntArray) -> FloatArray:
         """The same along the axes of each lattice."""
-        return np.asarray(self.origin.take(owner, axis=1) + index * self.side.take(owner, axis=1))
+        return np.asarray(of_problem(self.origin, owner) + index * of_problem(self.side, owner))
+
+    def pick(self, place: IntArray) -> "Lattice":
+        """Some of the cells."""
+        return replace(self, index=self.index.take(place, axis=1), owner=self.owner.take(place))
 
     def log_area(self, index: npt.NDArray[np.floating], owner: IntArray) -> FloatArray:
         """Logarithm of the area per unit of coordinates there, shape S; 0 but in fans."""
@@ -154,16 +163,20 @@ def divide(problems: Problems, *, tolerance: float = TOLERANCE, drop_nats: float
         times are more precise than floating-point numbers resolve.
     """
     fans = _Fans(problems) if problems.dimensions == 2 else None
-    done, last = _resolved(problems, _first_lattice(problems, axes_of(problems)), tolerance, drop_nats, fans)
+    axes, top = axes_of(problems)
+    best = _density_within_range(problems, top)
+    done, last = _resolved(problems, _first_lattice(problems, axes), best, tolerance, drop_nats, fans)
     if fans is not None and fans.chosen.any():
         which = np.flatnonzero(fans.chosen)
         axes, low, high = fans.boxes(which)
-        again, fanned = _resolved(problems.at(which), _covering(axes, low, high), tolerance, drop_nats)
+        first = _covering(axes, low, high)
+        again, fanned = _resolved(problems.at(which), first, best[which], tolerance, drop_nats)
         side, origin = last.side.copy(), last.origin.copy()
         side[:, which], origin[:, which] = fanned.side, fanned.origin
         last = replace(last, side=side, origin=origin, axes=last.axes.with_fans(which, axes))
-        done += [(replace(part, owner=which[part.owner]), value) for part, value in again]
-    return _gathered(done, last, drop_nats, problems)
+        done += [replace(part, owner=which[part.owner]) for part in again]
+    below = drop_nats - DROP_NATS + (BELOW_NATS if problems.components == 1 else BELOW_NATS_OF_MIXTURE)
+    return _gathered(done, last, below, problems)
 
 
 class _Fans:
@@ -175,16 +188,22 @@ class _Fans:
         self.apex, self.towards = np.zeros((2, 2, problems.count))
         self.covered: list[tuple[FloatArray, FloatArray, IntArray]] = []
 
-    def choose(self, seen: "_Seen", owner: IntArray, kept: BoolArray, need: FloatArray) -> BoolArray:
-        """Problems that take far fewer cells in the best of some fans, shape (B,)."""
+    def choose(self, seen: "_Seen", lattice: Lattice, need: FloatArray) -> BoolArray:
+        """Problems that take far fewer cells in the best of some fans, shape (B,).
+
+        Parameters
+        ----------
+        seen : _Seen
+            Of the cells of a lattice, those alone that are not dropped.
+        """
         count = self.problems.count
-        number = np.bincount(owner[kept], minlength=count)
+        number = np.bincount(lattice.owner, minlength=count)
         many = np.asarray(number * need.prod(axis=0) > MANY_CELLS)
-        some = kept & many[owner]
-        owner = owner[some]
-        if not owner.size:
+        if not many.any():
             return np.zeros(count, dtype=bool)
-        points, sharp = seen.points[:, some], seen.sharp[:, some]
+        some = many.take(lattice.owner)
+        owner = lattice.owner[some]
+        points, sharp = lattice.axes.turned_back(seen.points[:, some], owner), seen.sharp[:, some]
         fewest, apex = np.full(count, np.inf), np.zeros((2, count))
         for place in (np.zeros((2, count)), *self.problems.receivers[:2].swapaxes(0, 1)):
             growth2 = 1 + ((points - place[:, owner]) ** 2).sum(axis=0) / APEX_RSUN**2
@@ -216,34 +235,45 @@ class _Fans:
         return axes, low, -high
 
 
-def _resolved(
-    problems: Problems, lattice: Lattice, tolerance: float, drop_nats: float, fans: _Fans | None = None
-) -> tuple[list[tuple[Lattice, FloatArray]], Lattice]:
-    """Final cells of each problem with their log density, and a lattice with the sides of all.
+def _resolved(  # noqa: PLR0913, PLR0917
+    problems: Problems,
+    lattice: Lattice,
+    best: FloatArray,
+    tolerance: float,
+    drop_nats: float,
+    fans: _Fans | None = None,
+) -> tuple[list[Lattice], Lattice]:
+    """Final cells of each problem, and a lattice with the sides of all.
 
     Parameters
     ----------
     lattice : Lattice
         To begin with.
+    best : ndarray, shape (B,)
+        A log density that each posterior has somewhere, the higher the better.
     fans : _Fans, optional
         Asked which problems take far fewer cells in a fan; these are left out.
     """
-    best = np.full(problems.count, -np.inf)
-    done: list[tuple[Lattice, FloatArray]] = []
-    level = 0
+    done: list[Lattice] = []
+    level, turned = 0, problems.turned(lattice.axes.turn)
     while lattice.owner.size:
-        seen = _level(lattice, problems)
+        seen = _level(lattice, turned)
         best = np.maximum(best, _highest(seen.value, lattice.owner, problems.count))
-        top = best[lattice.owner]
-        kept = top - seen.bound < drop_nats
-        need = _need(lattice, seen, top, tolerance)
+        kept = np.flatnonzero(best.take(lattice.owner) - seen.bound < drop_nats)
+        lattice, seen = lattice.pick(kept), seen.pick(kept)
+        owner = lattice.owner
+        need = _need(lattice, seen, best, tolerance)
         if fans is not None and level >= FAN_LEVEL:
-            kept &= ~fans.choose(seen, lattice.owner, kept, need)[lattice.owner]
+            lattice = lattice.pick(np.flatnonzero(~fans.choose(seen, lattice, need).take(lattice.owner)))
         parts = _parts(lattice, need)
-        final = (parts == 1).all(axis=0)[lattice.owner]
-        done.append(_pick(lattice, seen.value, final & kept))
-        lattice = _divided(lattice, kept & ~final, parts)
+        lattice = _divided(lattice, parts)
         _check_budget(lattice, problems.components)
+        unsteady = np.zeros(problems.count, dtype=bool)
+        unsteady[owner[~seen.steady]] = True
+        final = np.all(need <= 1, axis=0) | (np.all(parts >= need, axis=0) & ~unsteady & (problems.components == 1))
+        final = final[lattice.owner]
+        done.append(lattice.pick(np.flatnonzero(final)))
+        lattice = lattice.pick(np.flatnonzero(~final))
         level += 1
     return done, lattice
 
@@ -255,7 +285,7 @@ class _Seen:
     Attributes
     ----------
     points : ndarray, shape (D, M)
-        Their centres, solar radii.
+        Their centres in the turned frame of their problem, solar radii.
     value, bound : ndarray, shape (M,)
         Log density of all components together at the centres, and its bound in each cell.
     sharp : ndarray, shape (D, M)
@@ -264,6 +294,8 @@ class _Seen:
         Which are small, and near the Sun or a receiver: the bound says little of them.
     reach : ndarray, shape (M,)
         Farthest that a point of a cell is from its centre, solar radii.
+    steady : ndarray of bool, shape (M,)
+        Which are so small that the information hardly changes in them.
     """
 
     points: FloatArray
@@ -272,41 +304,59 @@ class _Seen:
     sharp: FloatArray
     near: BoolArray
     reach: FloatArray
+    steady: BoolArray
+
+    def pick(self, place: IntArray) -> "_Seen":
+        """Some of the cells."""
+        return _Seen(**{name: values.take(place, axis=-1) for name, values in vars(self).items()})
 
 
 def _level(lattice: Lattice, problems: Problems) -> _Seen:
-    along = lattice.along(lattice.index + 0.5, lattice.owner)
-    points, sharp = np.empty_like(along), np.empty_like(along)
+    """What is seen of the cells of a lattice, of problems turned as its axes are."""
+    points, sharp = np.empty((2, *lattice.index.shape))
     value, bound, reach = np.empty((3, lattice.owner.size))
-    near = np.empty(value.shape, dtype=bool)
+    near, steady = np.empty((2, *value.shape), dtype=bool)
     axes, sides = lattice.axes, 0.5 * lattice.side
     sides[0] += axes.bulge(sides[1])
     for some, owner in blocks(lattice.owner):
-        here, half_sides = problems.at(owner), axes.spread(along[:, some], sides[:, owner], owner)
-        points[:, some] = axes.place(along[:, some], owner)
-        lean = axes.lean(along[:, some], owner)
-        seen = survey(here, points[:, some], axes.turn[:, owner], lean)
+        along = lattice.along(lattice.index[:, some] + 0.5, owner)
+        here, half_sides = problems.at(owner), axes.spread(along, of_problem(sides, owner), owner)
+        points[:, some], lean = axes.shaped(along, owner)
+        seen = survey(here, points[:, some], lean)
         widest = half_sides[0] if lean is None else half_sides[0] + np.abs(lean) * half_sides[1]
         reach[some] = np.sqrt(widest**2 + (half_sides[1:] ** 2).sum(axis=0))
         radius, nearest = _length(points[:, some]), seen.distance.min(axis=0)
-        # only a largest speed can change the density much against the bound
         truncated = here.priors.is_truncated
-        value[some] = _whole_density(here, points[:, some]) if truncated else mixed(seen.log_density)
+        value[some] = _density(here, points[:, some]) if truncated else mixed(seen.log_density)
         near[some] = (np.minimum(radius, nearest) < NEAR_RSUN + reach[some]) & (reach[some] < NEAR_RSUN)
+        turning = np.maximum(np.minimum(radius, nearest) if here.delay.is_free else nearest, NEAR_RSUN)
+        steady[some] = reach[some] < STEADY * turning
         bound[some] = _upper_bound(here, seen, half_sides, reach[some], radius, nearest)
         sharp[:, some] = np.sqrt(seen.sharpness**2 + here.priors.tau_rsun**-2.0)
-    if axes.fan is not None:
-        sharp *= np.exp(0.5 * axes.log_area(along, lattice.owner))
-    return _Seen(points, value, bound, sharp, near, reach)
+        if axes.fan is not None:
+            sharp[:, some] *= np.exp(0.5 * axes.log_area(along, owner))
+    return _Seen(points, value, bound, sharp, near, reach, steady)
 
 
 def _length(vectors: FloatArray) -> FloatArray:
     return np.asarray(np.sqrt((vectors**2).sum(axis=0)))
 
 
-def _whole_density(here: Problems, points: FloatArray) -> FloatArray:
-    local = evaluate(here, points)
-    return mixed(local.log_density + log_speed_factor(local, here.priors))
+def _density(here: Problems, points: FloatArray) -> FloatArray:
+    """Log density of all components together; only a largest speed can change it much against its bound."""
+    return _value(evaluate(here, points), here.priors) if here.priors.is_truncated else mixed(density(here, points))
+
+
+def _density_within_range(problems: Problems, points: FloatArray) -> FloatArray:
+    """The same, -inf where slowness or kappa are beyond the range in which the bound looks for them."""
+    local, priors, delay = evaluate(problems, points), problems.priors, problems.delay
+    within = np.abs(local.slowness - priors.slowness_mean) <= RANGE_SD * priors.slowness_sd
+    within &= np.abs(local.kappa - delay.kappa) <= RANGE_SD * delay.kappa_sd
+    return _value(replace(local, log_density=np.where(within, local.log_density, -np.inf)), priors)
+
+
+def _value(local: Local, priors: Priors) -> FloatArray:
+    return mixed(local.log_density + log_speed_factor(local, priors) if priors.is_truncated else local.log_density)
 
 
 def _highest(values: FloatArray, owner: IntArray, count: int) -> FloatArray:
@@ -361,7 +411,7 @@ def _upper_bound(  # noqa: PLR0913, PLR0917
     # no more than the whole way towards every receiver and the whole turn; or the slope, which itself changes by a turn
     anywhere = slowest * reach + largest_kappa * np.minimum(late * reach, 2 * here.rise_s.max(axis=0))
     bend = slowest * travel + largest_kappa * late * (travel + 0.5 * reach / inner)
-    from_slope = (seen.sharpness * half_sides).sum(axis=0) + here.steepest * bend * reach
+    from_slope = (np.abs(seen.root_slope) * half_sides[:, None]).sum(axis=0) + here.steepest * bend * reach
     from_slope = np.where(np.minimum(radius, nearest) < NEAR_RSUN, np.inf, from_slope)
     change = np.minimum(here.steepest * anywhere, from_slope)
     lowest = np.maximum(np.sqrt(np.maximum(seen.misfit, 0)) - change, 0) ** 2
@@ -371,15 +421,16 @@ def _upper_bound(  # noqa: PLR0913, PLR0917
     return bound + priors.log_position(np.maximum(radius - reach, 0.0) ** 2) + LOG_SLACK - priors.log_share_allowed
 
 
-def _need(lattice: Lattice, seen: _Seen, top: FloatArray, tolerance: float) -> FloatArray:
+def _need(lattice: Lattice, seen: _Seen, best: FloatArray, tolerance: float) -> FloatArray:
     """In how many parts along each axis the cells of each problem have yet to be divided, one of `STEPS`, shape (D, B).
 
     Parameters
     ----------
-    top : ndarray, shape (M,)
-        Highest log density of the problem of each cell.
+    best : ndarray, shape (B,)
+        Highest log density that was seen.
     """
     count, owner = lattice.side.shape[1], lattice.owner
+    top = best[owner]
     weight = np.exp(np.minimum(np.where(seen.near, seen.value, seen.bound) - top, 0.0))
     least = COARSE_SHARE * summed(np.exp(seen.value - top), owner, count)
     need = np.ones(lattice.side.shape)
@@ -398,10 +449,10 @@ def _parts(lattice: Lattice, need: FloatArray) -> FloatArray:
     return np.where(np.bincount(lattice.owner, minlength=lattice.side.shape[1]) > 0, parts, 1.0)
 
 
-def _divided(lattice: Lattice, chosen: BoolArray, parts: FloatArray) -> Lattice:
+def _divided(lattice: Lattice, parts: FloatArray) -> Lattice:
     """Cells divided in the parts of their problem along each axis: the smaller cells whose centres lie in them."""
-    owner, index = lattice.owner[chosen], lattice.index[:, chosen]
-    along = parts[:, owner]
+    owner, index = lattice.owner, lattice.index
+    along = parts.take(owner, axis=1)
     first = np.ceil(index * along - 0.5).astype(np.intp)
     number = np.ceil((index + 1) * along - 0.5).astype(np.intp) - first
     whole = number.prod(axis=0)
@@ -423,33 +474,32 @@ def _check_budget(lattice: Lattice, components: int) -> None:
         )
 
 
-def _pick(lattice: Lattice, value: FloatArray, chosen: BoolArray) -> tuple[Lattice, FloatArray]:
-    return replace(lattice, index=lattice.index[:, chosen], owner=lattice.owner[chosen]), value[chosen]
-
-
-def _gathered(done: list[tuple[Lattice, FloatArray]], last: Lattice, drop_nats: float, problems: Problems) -> Cells:
-    """Final cells in the order of their problems, without those far below the best of them.
+def _gathered(done: list[Lattice], last: Lattice, below: float, problems: Problems) -> Cells:
+    """Final cells in the order of their problems, without those so far below the best of them.
 
     The last lattice knows the final size of every problem's.
     """
-    owner = np.concatenate([part.owner for part, _ in done])
+    owner = np.concatenate([part.owner for part in done])
     if np.bincount(owner, minlength=problems.count).min() == 0:
         raise ConvergenceError(
             "no position explains the arrival times within sigma_s; check them, give larger sigma_s, or leave it out"
         )
     order = np.argsort(owner, kind="stable")
-    value = np.concatenate([value for _, value in done])[order]
-    below = drop_nats - DROP_NATS + (BELOW_NATS if problems.components == 1 else BELOW_NATS_OF_MIXTURE)
-    lowest = _highest(value, owner[order], problems.count) - below
-    order = order[value > lowest[owner[order]]]
-    index = np.concatenate([part.index for part, _ in done], axis=1)[:, order]
-    lattice = replace(last, index=index, owner=owner[order])
-    centres = lattice.centres
-    parts = [evaluate(problems.at(one), centres[:, some]) for some, one in blocks(lattice.owner)]
-    local = Local(
-        **{name: np.concatenate([getattr(part, name) for part in parts], axis=1) for name in Local.__dataclass_fields__}
-    )
-    return Cells(**vars(lattice), local=local, speed=speed_moments(local, problems.priors))
+    index = np.concatenate([part.index for part in done], axis=1).take(order, axis=1)
+    lattice = replace(last, index=index, owner=owner.take(order))
+    seen = []
+    for some, one in blocks(lattice.owner):
+        seen.append(evaluate(problems.at(one), lattice.place(lattice.index[:, some] + 0.5, lattice.owner[some])))
+    value = np.concatenate([_value(local, problems.priors) for local in seen])
+    lowest = _highest(value, lattice.owner, problems.count) - below
+    kept = value > lowest.take(lattice.owner)
+    first, parts = 0, []
+    for local in seen:
+        place = np.flatnonzero(kept[first : first + local.misfit.shape[1]])
+        parts.append({name: values.take(place, axis=1) for name, values in vars(local).items()})
+        first += local.misfit.shape[1]
+    local = Local(**{name: np.concatenate([part[name] for part in parts], axis=1) for name in parts[0]})
+    return Cells(**vars(lattice.pick(np.flatnonzero(kept))), local=local, speed=speed_moments(local, problems.priors))
 
 
 def summed(values: FloatArray, owner: IntArray, count: int) -> FloatArray:

@@ -33,6 +33,8 @@ NEAREST_RSUN = 1e-9
 NEAR_RSUN = 10.0
 """Closer to the Sun or to a receiver, where directions turn within a cell, the sharpness is that at this distance:
 cells are not made finer there."""
+LEAST_MISFIT = 1e-12
+"""The slope of the root of the misfit is taken for no less: at 0 it has none."""
 RANGE_SD = 4.0
 """Slowness and kappa are looked for within this many prior standard deviations of their means."""
 
@@ -104,17 +106,15 @@ class _Integrals:
         """Best kappa, likewise."""
         return np.asarray((self.uu * self.k - self.uk * self.u) / self.determinant)
 
-    def form(self, one: FloatArray, other: FloatArray) -> FloatArray:
-        """Product of whitened differences with slowness and kappa integrated out, one^T (1 + M M^T)^-1 other."""
-        whole = _product(one, other)
-        one_u = _product(self.travel, one)
-        other_u = one_u if other is one else _product(self.travel, other)
+    def freed(self, white: FloatArray) -> FloatArray:
+        """Whitened differences v with slowness and kappa integrated out, (1 + M M^T)^-1 v, of the same shape."""
+        along_u = _product(self.travel, white)
         if self.late is None:
-            return whole - one_u * other_u / self.uu
-        one_k = _product(self.late, one)
-        other_k = one_k if other is one else _product(self.late, other)
-        crossed = self.uk * (one_u * other_k + one_k * other_u)
-        return np.asarray(whole - (self.kk * one_u * other_u - crossed + self.uu * one_k * other_k) / self.determinant)
+            return white - self.travel * (along_u / self.uu)[:, None]
+        along_k = _product(self.late, white)
+        by_u = (self.kk * along_u - self.uk * along_k) / self.determinant
+        by_k = (self.uu * along_k - self.uk * along_u) / self.determinant
+        return np.asarray(white - self.travel * by_u[:, None] - self.late * by_k[:, None])
 
 
 def _integrals(problems: Problems, distance: FloatArray, late: FloatArray | None) -> _Integrals:
@@ -255,19 +255,22 @@ class Survey:
         As in :class:`Local`.
     distance : ndarray, shape (n, *S)
         From each receiver, solar radii.
+    root_slope : ndarray, shape (D, K, *S)
+        Change of the root of the misfit along each of the axes there, nuisances marginalised, 1/solar radius.
     sharpness : ndarray, shape (D, *S)
         Root of the information that the data carry on each coordinate alone, nuisances marginalised, 1/solar radius,
-        along the axes there, for the likeliest component of the noise.
+        along the axes there, for the likeliest component of the noise: the most that the slope can be.
     """
 
     log_density: FloatArray
     misfit: FloatArray
     log_det: FloatArray
     distance: FloatArray
+    root_slope: FloatArray
     sharpness: FloatArray
 
 
-def survey(problems: Problems, points: FloatArray, turn: FloatArray, lean: FloatArray | None) -> Survey:
+def survey(problems: Problems, points: FloatArray, lean: FloatArray | None) -> Survey:
     """Density at many points, and how fast it changes.
 
     Parameters
@@ -276,8 +279,6 @@ def survey(problems: Problems, points: FloatArray, turn: FloatArray, lean: Float
         With the trailing shape S of the points, or one that broadcasts against it.
     points : ndarray, shape (D, *S)
         Solar radii.
-    turn : ndarray, shape (2, *S)
-        Cosine and sine of the angle from the x axis to the first axis.
     lean : ndarray, shape (*S), or None
         Step along the first axis that goes with one along the second, where axes are bent.
     """
@@ -286,13 +287,17 @@ def survey(problems: Problems, points: FloatArray, turn: FloatArray, lean: Float
     log_density, misfit, log_det = _density(problems, points, g)
     likeliest = _likeliest(log_density)
     slopes = _slopes(problems, points, distance, late, _of(likeliest, g.moved_k))
-    x, y = slopes[:2]
-    across = turn[0] * x + turn[1] * y
-    ahead = turn[0] * y - turn[1] * x
-    slopes[:2] = across, ahead if lean is None else ahead + lean * across
-    white = [_whitened(problems, slope) for slope in slopes]
-    information = np.stack([_of(likeliest, g.form(one, one)) for one in white])
-    return Survey(log_density, misfit, log_det, distance, np.sqrt(np.maximum(information, 0)))
+    if lean is not None:
+        slopes[1] = slopes[1] + lean * slopes[0]
+    root = np.sqrt(np.maximum(misfit, LEAST_MISFIT))
+    root_slope, information = [], []
+    for slope in slopes:
+        white = _whitened(problems, slope)
+        freed = g.freed(white)
+        root_slope.append(_product(freed, g.residual) / root)
+        information.append(_of(likeliest, _product(freed, white)))
+    sharpness = np.sqrt(np.maximum(np.stack(information), 0))
+    return Survey(log_density, misfit, log_det, distance, np.stack(root_slope), sharpness)
 
 
 def slope_and_information(problems: Problems, points: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -321,9 +326,10 @@ def slope_and_information(problems: Problems, points: FloatArray) -> tuple[Float
     likeliest = _likeliest(_density(problems, points, g)[0])
     slopes = _slopes(problems, points, distance, late, _of(likeliest, g.moved_k))
     white = [_whitened(problems, slope) for slope in slopes]
+    freed = [g.freed(one) for one in white]
     prior = problems.priors.position_slope(_squared(points))
-    slope = np.stack([g.form(g.residual, one) + prior * axis for one, axis in zip(white, points, strict=True)])
-    return slope, np.stack([np.stack([g.form(one, other) for other in white]) for one in white])
+    slope = np.stack([_product(one, g.residual) + prior * axis for one, axis in zip(freed, points, strict=True)])
+    return slope, np.stack([np.stack([_product(one, other) for other in white]) for one in freed])
 
 
 def _likeliest(log_density: FloatArray) -> IntArray:

@@ -7,7 +7,8 @@ has the weights a = C^-1 1 / W, W = 1^T C^-1 1 (:mod:`bella.multilateration.like
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
-from itertools import pairwise, product
+from itertools import product
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -22,8 +23,8 @@ IntArray = npt.NDArray[np.intp]
 BoolArray = npt.NDArray[np.bool_]
 
 GAUSSIAN = Noise()
-ALONE, BLOCK = 500, 8_000
-"""Points of a problem from which on they are treated alone, and most points treated at once: fastest as measured."""
+BLOCK = 2_000
+"""Most points treated at once: fastest as measured."""
 
 MOST_SIGNS = 8
 """Receivers up to which every combination of signs is tried for the largest change of the residuals."""
@@ -49,8 +50,8 @@ class Problems:
 
     Attributes
     ----------
-    receivers : ndarray, shape (3, n, B)
-        Coordinates of the receivers, solar radii; 0 where a receiver is missing.
+    receivers : ndarray, shape (D, n, B)
+        Coordinates of the receivers along those of the source, solar radii; of another one where it is missing.
     receiver_rsun2 : ndarray, shape (n, B)
         Squared distances of the receivers from the Sun.
     rise_s : ndarray, shape (n, B)
@@ -107,9 +108,14 @@ class Problems:
         """The problem of each point; a single problem is left as it is, since it broadcasts."""
         if self.count == 1:
             return self
-        if isinstance(owner, slice):
-            return replace(self, **{name: getattr(self, name)[..., owner] for name in PER_PROBLEM})
-        return replace(self, **{name: getattr(self, name).take(owner, axis=-1) for name in PER_PROBLEM})
+        of_points: dict[str, Any] = {name: of_problem(getattr(self, name), owner) for name in PER_PROBLEM}
+        return replace(self, **of_points)
+
+    def turned(self, turn: FloatArray) -> "Problems":
+        """The same in axes turned about the z axis: cosine and sine of an angle each, shape (2, B)."""
+        (cosine, sine), (x, y) = turn, self.receivers[:2]
+        across, ahead = cosine * x + sine * y, cosine * y - sine * x
+        return replace(self, receivers=np.stack([across, ahead, *self.receivers[2:]]))
 
     def spread(self) -> "Problems":
         """The problems with one more axis, along which each may have many points."""
@@ -180,9 +186,10 @@ def problems_of(  # noqa: PLR0913, PLR0917
     def _problems_last(values: FloatArray) -> FloatArray:
         return np.ascontiguousarray(np.moveaxis(values, 1, -1))
 
-    receivers = np.ascontiguousarray(np.where(present.T, grid.receiver_rsun.T, 0.0))
+    one = np.take_along_axis(grid.receiver_rsun, white.reference[0, :, None, None], axis=1)
+    receivers = np.ascontiguousarray(np.where(present.T, grid.receiver_rsun.T, one.T))
     return Problems(
-        receivers=receivers,
+        receivers=receivers[:dimensions],
         receiver_rsun2=(receivers**2).sum(axis=0),
         rise_s=np.ascontiguousarray(np.where(present, grid.rise_s, 0.0).T),
         whitening=_problems_last(white.whitening),
@@ -288,31 +295,23 @@ def _log_prior_of_components(bad: BoolArray, present: BoolArray, bad_probability
     return np.asarray(log_prior - np.logaddexp.reduce(log_prior, axis=0))
 
 
-def blocks(owner: IntArray) -> Iterator[tuple[slice, slice | IntArray]]:
-    """Points to be treated together, and the problem of each for :meth:`Problems.at`.
+def of_problem(values: FloatArray, owner: slice | IntArray) -> FloatArray:
+    """Values of problems (*, B) for points that belong to them."""
+    return np.asarray(values[..., owner] if isinstance(owner, slice) else values.take(owner, axis=-1))
 
-    Many points of one problem come alone, since nothing then has to be gathered for each, and in blocks that stay in
-    the processor's cache.
+
+def blocks(owner: IntArray) -> Iterator[tuple[slice, slice | IntArray]]:
+    """Points to be treated together, few enough to stay in the processor's cache, and the problem of each.
 
     Parameters
     ----------
     owner : ndarray of int, shape (M,)
         Problem of each point, ascending.
     """
-    edges = [int(edge) for edge in np.flatnonzero(np.diff(owner, prepend=-1, append=-1))]
-    first = 0
-    for start, stop in pairwise(edges):
-        if stop - start < ALONE and stop - first <= BLOCK:
-            continue
-        if start > first:
-            yield slice(first, start), owner[first:start]
-        first = start
-        while stop - first >= ALONE:
-            last = min(first + BLOCK, stop)
-            yield slice(first, last), slice(int(owner[start]), int(owner[start]) + 1)
-            first = last
-    if first < owner.size:
-        yield slice(first, owner.size), owner[first:]
+    for first in range(0, owner.size, BLOCK):
+        some = owner[first : first + BLOCK]
+        alone = some[0] == some[-1]  # nothing then has to be gathered for each point
+        yield slice(first, first + BLOCK), slice(int(some[0]), int(some[0]) + 1) if alone else some
 
 
 def log_constant(problems: Problems) -> FloatArray:

@@ -11,6 +11,7 @@ import contourpy
 import numpy as np
 from scipy import stats
 
+from bella.exceptions import ConvergenceError
 from bella.multilateration.axes import Axes
 from bella.multilateration.cells import Cells, normalised, summed
 from bella.multilateration.likelihood import density, evaluate, mixed
@@ -25,6 +26,8 @@ FINER = 6
 POINTS, PIXELS = 4_000, 40_000
 """Points of a posterior, and of the square image around it, from which on its cells are divided less: a long ridge has
 many cells, and the errors that its border makes in the area average out."""
+MOST_PIXELS = 30_000_000
+"""Largest image, 240 MB: only a ridge with errors of microseconds needs more."""
 RELEVANT_NATS = 6.0
 """Cells this far below the best are not divided: a Gaussian has its 95 % region within 3 nats in the plane, 4 in space.
 What they hold counts in full."""
@@ -59,7 +62,10 @@ class Image:
     def of(cls, index: IntArray, density: FloatArray, origin: FloatArray, pitch: FloatArray, axes: Axes) -> "Image":
         """Image of the points with some coordinates (D, M) on a lattice whose first cell begins at an origin."""
         low = index.min(axis=1) - 1
-        lattice = np.full(index.max(axis=1) - low + 2, -np.inf)
+        shape = index.max(axis=1) - low + 2
+        if np.prod(shape) > MOST_PIXELS:
+            raise ConvergenceError("the posterior is too narrow to draw; give its arrival times larger sigma_s")
+        lattice = np.full(shape, -np.inf)
         lattice[tuple(index - low[:, None])] = density
         return cls(lattice, origin + (low + 0.5) * pitch, pitch, axes)
 

@@ -17,9 +17,9 @@ from multiprocessing.process import parent_process
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Self, TypeVar
 
-from bella.exceptions import InputError, WorkerLostError
+from bella.exceptions import WorkerLostError
 from bella.logs import log_to
-from bella.settings import Settings
+from bella.settings import Settings, make_folder
 from bella.spacecraft import extend_with
 from bella.threads import ONE_THREAD
 
@@ -47,10 +47,7 @@ def prepare(settings: Settings) -> None:
         If the home folder cannot be made.
     """
     home, cache = settings.home.resolve(), settings.cache_root.resolve()
-    try:
-        cache.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise InputError(f"home folder {home}: {error.strerror}; name another with --home or BELLA_HOME") from error
+    make_folder(cache)
     for name, value in {
         "PREFECT_HOME": home / "prefect",
         "PREFECT_SERVER_ANALYTICS_ENABLED": "false",

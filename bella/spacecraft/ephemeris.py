@@ -123,7 +123,7 @@ def read_nodes(path: Path) -> dict[str, tuple[npt.NDArray[np.int64], FloatArray]
             time_ms, position_km = table["time"].to_numpy(), table["position"].to_numpy().astype(np.float64)
             names = [str(name) for name in table["body"].to_numpy()]
         return dict(zip(names, zip(np.split(time_ms, stops), np.split(position_km, stops), strict=True), strict=True))
-    except (OSError, KeyError, ValueError) as error:
+    except (OSError, KeyError, ValueError, RuntimeError) as error:
         reason = " ".join(str(error).split())
         raise StoreError(
             f"ephemeris {path} cannot be read ({reason}): remove it, then bella update-ephemeris"

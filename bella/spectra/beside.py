@@ -17,7 +17,7 @@ import xarray as xr
 from bella.containers import CdfFile, TimeArray
 from bella.exceptions import InputError
 from bella.spectra.assembly import Origin, assemble, cadence_s, dwell_s, shared_channels
-from bella.spectra.dynamic_spectrum import SMALLEST, unit_factor
+from bella.spectra.dynamic_spectrum import in_unit
 
 TIMES = re.compile(r"TIMING|ELAPSED|SAMPLE_?TIME|TIME_?(OFFSET|SHIFT|DELAY|SINCE)|OFFSET_?(TIME|S$|SEC|EPOCH)")
 TIMES_DESCRIBED = re.compile(
@@ -110,7 +110,7 @@ def read_records(  # noqa: PLR0913, PLR0917 - one argument per variable of the f
     InputError
         If intensity, times and frequencies do not fit together.
     """
-    in_unit(cdf, variable, values, origin.quantity)
+    in_unit(values, cdf.attribute("UNITS", variable), origin.quantity)
     beside = Beside(cdf, values.shape, variable)
     channels = frequency_mhz.shape[-1]
     if values.shape != (time.size, channels):
@@ -140,13 +140,6 @@ def read_records(  # noqa: PLR0913, PLR0917 - one argument per variable of the f
         spectrum["flux_sfu_1au"] = spectrum["flux_sfu_1au"].where(np.isfinite(spectrum["intensity"]))
         spectrum["flux_sfu_1au"].attrs = {"long_name": "flux density at 1 au", "units": "sfu"}
     return beside.noted(spectrum)
-
-
-def in_unit(cdf: CdfFile, variable: str, values: npt.NDArray[Any], quantity: str) -> None:
-    """Convert values, in place, from the unit that their variable states to that of a quantity."""
-    factor = unit_factor(cdf.attribute("UNITS", variable), quantity)
-    if factor != 1.0 and np.nanmax(values, initial=0.0) * factor > SMALLEST[quantity]:
-        values *= values.dtype.type(factor)
 
 
 class Beside:

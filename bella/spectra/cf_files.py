@@ -16,7 +16,7 @@ import numpy as np
 import numpy.typing as npt
 import xarray as xr
 
-from bella.containers import INFLATED_BYTES, LARGEST_NUMBER, LEAST_CPU_S, MHZ, READER, reading
+from bella.containers import INFLATED_BYTES, MHZ, check_hdf5, reading
 from bella.exceptions import InputError, require_extra
 from bella.records import Origin
 from bella.spacecraft import observatory_name
@@ -24,10 +24,12 @@ from bella.spectra.assembly import ascending, cadence_s, dates_in, shared_channe
 from bella.spectra.beside import FLAGS, LONGEST_SWEEP_S
 from bella.spectra.dynamic_spectrum import (
     ATTRIBUTES,
-    LOWEST_VALUE,
     OPTIONAL_DIMENSIONS,
     POSITION,
+    in_unit,
+    unit_of_another,
     validate_spectrum,
+    without_fill,
     without_intensity,
 )
 from bella.spectra.positions import KILOMETRES
@@ -93,24 +95,6 @@ def open_cf(path: Path, engine: str) -> tuple[xr.Dataset, ...]:
             return tuple(as_spectrum(group, f"{path}{name}", path.name) for name, group in chosen.items())
 
 
-def check_hdf5(path: Path, cpu_s: int = LEAST_CPU_S) -> None:
-    """Read a file in the process for damaged files, where the HDF5 library may hang or crash without harm.
-
-    Parameters
-    ----------
-    path : pathlib.Path
-        HDF5 file.
-    cpu_s : int
-        Longest it may take, s of the processor.
-
-    Raises
-    ------
-    ValueError
-        If it cannot be read, or not in bounded time and memory.
-    """
-    READER.ask("probe", str(path.absolute()), cpu_s=cpu_s)
-
-
 def check_zarr(path: Path) -> None:
     """Hold the descriptions of a store against what a day of spectra can have.
 
@@ -153,7 +137,8 @@ def _groups(path: Path, engine: str) -> Iterator[dict[str, xr.Dataset]]:
         with xr.open_dataset(path, engine="scipy") as only:
             yield {"": only}
         return
-    with xr.open_datatree(path, engine=engine) as tree:
+    options: dict[str, Any] = {"consolidated": False} if engine == "zarr" else {}  # which not every store is
+    with xr.open_datatree(path, engine=engine, **options) as tree:
         yield {node.path.rstrip("/"): node.to_dataset(inherit=False) for node in tree.subtree}
 
 
@@ -311,14 +296,23 @@ def _in_our_units(spectrum: xr.Dataset, source: str) -> xr.Dataset:
             )
         mhz = np.where(mhz > 0.0, mhz, np.nan)
         spectrum = spectrum.assign_coords(frequency=(frequency.dims, mhz, {**frequency.attrs, "units": "MHz"}))
-    values = spectrum["intensity"]
-    if values.dtype.kind in "iuf":
-        intensity = values.to_numpy().astype(np.float32)
-        lowest, highest = _valid(values.attrs)
-        intensity[(intensity < lowest) | (intensity > highest)] = np.nan
-        intensity[~np.isfinite(intensity) | (intensity <= LOWEST_VALUE) | (intensity >= LARGEST_NUMBER)] = np.nan
-        spectrum = spectrum.assign(intensity=values.copy(data=intensity))
+    if spectrum["intensity"].dtype.kind in "iuf":
+        spectrum = spectrum.assign(intensity=_intensity(spectrum, source))
     return _with_position(_with_sample_times(spectrum, source))
+
+
+def _intensity(spectrum: xr.Dataset, source: str) -> xr.DataArray:
+    """Intensity in the unit of its quantity, NaN for what is outside its range or a fill value."""
+    values = spectrum["intensity"]
+    intensity = values.to_numpy().astype(np.float32)
+    lowest, highest = _valid(values.attrs)
+    intensity[(intensity < lowest) | (intensity > highest) | ~np.isfinite(intensity)] = np.nan
+    unit, quantity = str(values.attrs.get("units", "")), str(spectrum.attrs.get("quantity", ""))
+    if unit_of_another(unit, quantity):
+        raise InputError(f"{source}: intensity is in {unit!r}, which is no {quantity}: correct its unit or 'quantity'")
+    intensity = without_fill(intensity, quantity)
+    in_unit(intensity, unit, quantity)
+    return values.copy(data=intensity)
 
 
 def _valid(attributes: Mapping[Any, Any]) -> tuple[float, float]:

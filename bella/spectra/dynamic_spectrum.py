@@ -65,8 +65,8 @@ LONG_NAMES = {
 }
 
 
-LOWEST_VALUE, HIGHEST_DB = -999.0, 9000.0
-"""Nothing that is measured, in any quantity, is as low or as high: fill values are, such as -9999."""
+LOWEST_VALUE, HIGHEST_VALUE, HIGHEST_DB = -999.0, 1e15, 9000.0
+"""Nothing that is measured, in any quantity, is as low or as high: fill values are, such as -9999 and 1e20."""
 
 SMALLEST = {"psd_v2_hz": 1e-22, "flux_w_m2_hz": 1e-26}
 """What is below the noise of every receiver: a unit by which all values are is not theirs."""
@@ -78,10 +78,40 @@ UNIT_FACTORS = {
 """From other units of a quantity to its own; as plain text without blanks and signs of powers."""
 
 
-def unit_factor(unit: str, quantity: str) -> float:
-    """Factor from a unit, as a file states it, to that of a quantity; 1 where it is that, or is not known."""
+UNITS_OF = (
+    (r"db", ("db_over_background",)),
+    (r"sfu|solarfluxunits?|jy|jansky|w/?m-?2/?hz", ("flux_w_m2_hz", "relative_flux")),
+    (r"[mun]?v2/?hz", ("psd_v2_hz", "relative_flux")),
+)
+"""Beginnings of units, as plain text, and the quantities that can be in them."""
+
+
+def _plain_unit(unit: str) -> str:
     plain = re.sub(r"[\s^*{}()\[\]_.]", "", unit.lower().replace("µ", "u").replace("μ", "u"))
-    return UNIT_FACTORS.get(quantity, {}).get(plain.replace("hz-1", "/hz"), 1.0)
+    return plain.replace("hz-1", "/hz")
+
+
+def unit_of_another(unit: str, quantity: str) -> bool:
+    """Whether a unit, as a file states it, can only be that of another quantity."""
+    found = [quantities for begins, quantities in UNITS_OF if re.match(begins, _plain_unit(unit))]
+    return any(quantity not in quantities for quantities in found)
+
+
+def in_unit(values: npt.NDArray[Any], unit: str, quantity: str) -> None:
+    """Convert values, in place, from a unit that a file states to that of a quantity, unless they are in it already.
+
+    Parameters
+    ----------
+    values : numpy.ndarray
+        Floating-point, NaN where there are no data.
+    unit : str
+        One that is not known leaves them as they are.
+    quantity : str
+        One of ``QUANTITIES``.
+    """
+    factor = UNIT_FACTORS.get(quantity, {}).get(_plain_unit(unit), 1.0)
+    if factor != 1.0 and np.nanmax(values, initial=0.0) * factor > SMALLEST[quantity]:
+        values *= values.dtype.type(factor)
 
 
 def without_fill(intensity: npt.NDArray[Any], quantity: str) -> npt.NDArray[Any]:
@@ -99,7 +129,7 @@ def without_fill(intensity: npt.NDArray[Any], quantity: str) -> npt.NDArray[Any]
     numpy.ndarray
         The same array where all can be, else a copy.
     """
-    highest = HIGHEST_DB if quantity == "db_over_background" else np.inf
+    highest = HIGHEST_DB if quantity == "db_over_background" else HIGHEST_VALUE
     is_fill = (intensity <= LOWEST_VALUE) | (intensity > highest)
     return np.where(is_fill, np.float32(np.nan), intensity) if is_fill.any() else intensity
 

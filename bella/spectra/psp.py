@@ -18,7 +18,8 @@ from bella.spectra.assembly import (
     shared_channels,
     without_strays,
 )
-from bella.spectra.beside import Beside, epoch_of, in_unit, read_records, timed
+from bella.spectra.beside import Beside, epoch_of, read_records, timed
+from bella.spectra.dynamic_spectrum import in_unit
 
 OBSERVATORY = "PSP"
 DIPOLES = ("ch0_V1V2", "ch1_V3V4")
@@ -123,7 +124,7 @@ def _sum_of_dipoles(cdf: CdfFile, receiver: str, prefix: str, ending: str, quant
     for dipole in with_data or held:
         names = (f"epoch_{suffixes[dipole]}", f"frequency_{suffixes[dipole]}", variables[dipole])
         read[dipole[4:]] = _part(cdf, *names, HIGHEST_MHZ[receiver])
-        in_unit(cdf, variables[dipole], read[dipole[4:]].power, quantity)
+        in_unit(read[dipole[4:]].power, cdf.attribute("UNITS", variables[dipole]), quantity)
     if not read:
         raise InputError(f"{cdf.name}: neither dipole has auto_averages; the receiver was in another mode")
     parts = list(read.values())

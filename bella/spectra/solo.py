@@ -13,7 +13,8 @@ import xarray as xr
 from bella.containers import CdfFile, TimeArray
 from bella.exceptions import InputError
 from bella.spectra.assembly import Origin, assemble, assemble_sweeps, dwell_s, record_centres, without_strays
-from bella.spectra.beside import Beside, epoch_of, in_unit, read_records
+from bella.spectra.beside import Beside, epoch_of, read_records
+from bella.spectra.dynamic_spectrum import in_unit
 
 OBSERVATORY = "SOLO"
 HIGHEST_MHZ = {"hfr": 16.4, "tnr": 1.0}
@@ -153,7 +154,7 @@ def _of_one_dipole(
         if sensor.shape != (power.shape[0], 2):
             raise InputError(f"{cdf.name}: SENSOR_CONFIG has the shape {sensor.shape}, not {(power.shape[0], 2)}")
         power[~(power > 0.0)] = np.nan
-        in_unit(cdf, variable, power, "psd_v2_hz")
+        in_unit(power, cdf.attribute("UNITS", variable), "psd_v2_hz")
         Beside(cdf, power.shape, variable).clear(power)
     has_data = [np.isfinite(power).reshape(len(power), -1).any(axis=1) for power in read]
     counts = [

@@ -16,8 +16,8 @@ from scipy.io import readsav
 from bella.containers import CdfFile, NumberArray, in_mhz, inflate, reading
 from bella.exceptions import InputError
 from bella.spectra.assembly import Origin, assemble, assemble_sweeps, cadence_s, date_of, shared_channels
-from bella.spectra.beside import Beside, epoch_of, in_unit, read_records, timed
-from bella.spectra.dynamic_spectrum import GEOCENTRIC
+from bella.spectra.beside import Beside, epoch_of, read_records, timed
+from bella.spectra.dynamic_spectrum import GEOCENTRIC, in_unit
 from bella.spectra.minutes import with_sweeps, with_visits
 from bella.spectra.positions import EARTH_RADIUS_KM, with_positions
 
@@ -222,7 +222,7 @@ def read_l3_directions(cdf: CdfFile, receiver: str) -> tuple[xr.Dataset, ...]:
         If the file is not of this product.
     """
     time, flux = cdf.utc(epoch_of(cdf, "STOKES_I")), cdf.numbers("STOKES_I", 1)
-    in_unit(cdf, "STOKES_I", flux, "flux_w_m2_hz")
+    in_unit(flux, cdf.attribute("UNITS", "STOKES_I"), "flux_w_m2_hz")
     beside = Beside(cdf, flux.shape, "STOKES_I")
     beside.clear(flux)
     time = beside.shifted(time)

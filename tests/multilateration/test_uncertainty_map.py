@@ -250,8 +250,8 @@ def test_nodes_that_need_many_cells_are_taken_fewer_at_a_time(monkeypatch) -> No
 
 
 def test_a_node_that_cannot_be_computed_is_named(monkeypatch) -> None:
-    monkeypatch.setattr(cells_module, "MAX_CELLS_TOGETHER", 100)
-    monkeypatch.setattr(cells_module, "MAX_CELLS", 100)
+    monkeypatch.setattr(cells_module, "MAX_CELLS_TOGETHER", 20)
+    monkeypatch.setattr(cells_module, "MAX_CELLS", 20)
     with pytest.raises(ConvergenceError, match=r"at node x = 3, y = -4 Rsun is too sharp to compute; give larger"):
         exact_covariance(np.array([[3.0, -4.0], [5.0, 0.0]]), receivers_of(EVENT, 60.0), NARROW)
 

@@ -15,11 +15,10 @@ import numpy as np
 import pytest
 import xarray as xr
 
-from bella.containers import READER
+from bella.containers import READER, check_hdf5
 from bella.exceptions import InputError
 from bella.simulation import archive_files
 from bella.spectra import open_spectra
-from bella.spectra.cf_files import check_hdf5
 from tests.fuzz.damage import attempt
 from tests.spectra import test_cdf_variants as cdf_variants
 from tests.spectra import written
@@ -293,6 +292,8 @@ def test_a_file_packed_with_gzip_is_read(wind_l2: Path) -> None:
     (read,) = open_spectra(packed)
 
     assert read.equals(open_spectra(wind_l2)[0].assign_coords())
+    packed.write_bytes(gzip.compress(packed.read_bytes()))
+    assert open_spectra(packed)[0].equals(read)
     packed.write_bytes(packed.read_bytes()[:-100])
     assert "cannot be read as CDF" in attempt(packed).message
 

@@ -113,7 +113,7 @@ def test_ways_to_write_the_same_spectrum(tmp_path: Path, change: Change) -> None
 
 
 FILLS: list[tuple[float, str | None]] = [(-1e31, "_FillValue"), (-9999.0, "missing_value"), (-500.0, "valid_min")]
-FILLS += [(one, None) for one in (-9999.0, -1e31, 9.96921e36, np.inf, -np.inf)]
+FILLS += [(one, None) for one in (-9999.0, -1e31, 9.96921e36, 1e20, np.inf, -np.inf)]
 
 
 @pytest.mark.parametrize(("fill", "attribute"), FILLS)
@@ -128,6 +128,27 @@ def test_fill_values_are_no_data(tmp_path: Path, fill: float, attribute: str | N
         np.isnan(read["intensity"]).all("frequency"), (np.arange(200) >= 5) & (np.arange(200) < 9)
     )
     assert int(np.isnan(read["intensity"]).sum()) == 4 * 8
+
+
+@pytest.mark.parametrize(
+    ("unit", "quantity", "factor"),
+    [
+        ("sfu", "flux_w_m2_hz", 1e-22),
+        ("Jy", "flux_w_m2_hz", 1e-26),
+        ("W m^-2 Hz^-1", "flux_w_m2_hz", 1.0),
+        ("nV^2/Hz", "psd_v2_hz", 1e-18),
+        ("sfu", "relative_flux", 1.0),
+        ("arbitrary", "flux_w_m2_hz", 1.0),
+    ],
+)
+def test_intensity_is_converted_from_its_unit(tmp_path: Path, unit: str, quantity: str, factor: float) -> None:
+    values = np.geomspace(1e3, 1e5, DECIBEL.size, dtype=np.float32).reshape(DECIBEL.shape)
+
+    (read,) = open_spectra(
+        written(tmp_path, lambda one: intensity(values, units=unit)(one).assign_attrs(quantity=quantity))
+    )
+
+    np.testing.assert_allclose(read["intensity"], values * factor, rtol=1e-6)
 
 
 FAR = TIME[:, None] + np.where(np.arange(8) == 3, 10**11, 0).astype("timedelta64[s]")
@@ -154,6 +175,14 @@ REFUSED: dict[str, tuple[Change, str]] = {
     "metres called km": (
         lambda one: one.assign(position_km=("axis", [1.5e11, 0.0, 0.0], {"frame": "hee"})),
         "1.5e+11 to 1.5e+11 km from the centre of the Sun",
+    ),
+    "flux called dB": (
+        intensity(DECIBEL, units="W m-2 Hz-1"),
+        "intensity is in 'W m-2 Hz-1', which is no db_over_background",
+    ),
+    "dB called flux": (
+        lambda one: intensity(DECIBEL, units="dB")(one).assign_attrs(quantity="flux_w_m2_hz"),
+        "intensity is in 'dB', which is no flux_w_m2_hz",
     ),
     "offsets in ms": (lambda one: one.assign(sample_offset_s=("frequency", MHZ * 1e4)), "offsets in seconds"),
 }
