@@ -13,7 +13,7 @@ from typing import Any
 import hypothesis
 import pytest
 
-hypothesis.settings.register_profile("repeatable", derandomize=True, deadline=None)
+hypothesis.settings.register_profile("repeatable", derandomize=True, deadline=None, max_examples=50)
 hypothesis.settings.load_profile("repeatable")
 pytest_plugins = ["tests.fixtures_postgres"]
 
