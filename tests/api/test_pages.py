@@ -64,6 +64,14 @@ def test_a_cut_catalogue_says_so_and_its_next_page_goes_on(client: TestClient) -
     assert 'value="WIND" checked' in following
 
 
+def test_longitudes_across_the_far_side_are_said_in_words(client: TestClient) -> None:
+    text = page(client, "/?longitude_min=170&longitude_max=-170")
+    assert 'id="no-match"' in text
+    assert "Longitudes from 170° W westward, across 180°, to 170° E." in text
+    assert 'id="arc"' not in page(client, "/?longitude_min=-170&longitude_max=170")
+    assert 'id="arc"' not in page(client, "/?longitude_min=170")
+
+
 def test_three_kinds_of_nothing_are_told_apart(client: TestClient, empty: Settings) -> None:
     assert 'id="no-match"' in page(client, "/?start=1999-01-01&stop=1999-02-01")
     assert 'id="fault"' in page(client, "/?start=yesterday", 422)
