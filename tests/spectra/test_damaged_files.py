@@ -300,6 +300,17 @@ def test_a_file_packed_with_gzip_is_read(wind_l2: Path) -> None:
     assert "cannot be read as CDF" in attempt(packed).message
 
 
+def test_times_that_a_file_claims_take_little_more_memory_than_their_own(wind_l2: Path) -> None:
+    content, claimed = bytearray(wind_l2.read_bytes()), 7_000_000
+    struct.pack_into(">i", content, first_variable(content) + 24, claimed - 1)
+    wind_l2.write_bytes(content)
+
+    refused = attempt(wind_l2, memory=True)
+
+    assert f"{claimed} times" in refused.message
+    assert refused.peak_bytes < 3.5 * 8 * claimed
+
+
 @pytest.mark.parametrize(
     ("name", "pack", "said"),
     [
