@@ -109,7 +109,7 @@ class BurstTableFilter(BurstFilter):
 
     limit: Annotated[int, Field(ge=1, le=1000)] | Literal["all"] = Field(  # type: ignore[assignment]
         50,
-        description="Bursts per reply; `all` for everything that the query finds, in one reply.",
+        description="Bursts per reply; `all` for all that the query finds, in one reply (CDF: up to 20 000 bursts).",
         union_mode="left_to_right",
     )
     format: FormatName = FORMAT
@@ -133,7 +133,8 @@ class BurstTableFilter(BurstFilter):
         if len(bursts) > MOST_BURSTS:
             others = ", ".join(one.name for one in FORMATS.values() if one.pieces)
             raise InputError(
-                f"limit: more than {MOST_BURSTS} bursts in one reply; ask for a shorter time, or for {others}"
+                f"limit: a file of this format is made in memory and holds up to {MOST_BURSTS} bursts, and the query "
+                f"finds more; ask for a shorter time, or for a format that is sent row by row: {others}"
             )
         return BurstPage(bursts, None, len(bursts))
 
