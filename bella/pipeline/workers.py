@@ -15,7 +15,7 @@ from concurrent.futures.process import BrokenProcessPool
 from importlib import import_module
 from multiprocessing.process import parent_process
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Self, TypeVar
+from typing import TYPE_CHECKING, Any, Self, TypeVar, cast
 
 from bella.exceptions import WorkerLostError
 from bella.logs import log_to
@@ -24,6 +24,8 @@ from bella.spacecraft import extend_with
 from bella.threads import ONE_THREAD
 
 if TYPE_CHECKING:
+    from multiprocessing.process import BaseProcess
+
     from bella.pipeline.scheduler import Scheduler
 
 T = TypeVar("T")
@@ -232,7 +234,5 @@ def _begin(settings: Settings, log: Path | None) -> None:
 
 
 def _end_with_parent() -> None:
-    parent = parent_process()
-    if parent is not None:
-        parent.join()
-        os._exit(ORPHANED)
+    cast("BaseProcess", parent_process()).join()  # a process that was spawned has one
+    os._exit(ORPHANED)
