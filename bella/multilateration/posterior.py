@@ -7,6 +7,7 @@ resampled and shuffled.
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
+from typing import Any
 
 import numpy as np
 
@@ -273,9 +274,10 @@ def draw(problems: Problems, cells: Cells, number: int, rng: np.random.Generator
     held = cells.log_mass
     mass, _ = normalised(held + widened, cells.owner, problems.count)
     edges = np.searchsorted(cells.owner, np.arange(problems.count + 1))
-    position = np.empty((problems.count, number, problems.dimensions), np.float32)
-    emission_s, v_over_c, kappa = np.empty((3, problems.count, number), np.float32)
-    draws = Draws(position, emission_s, v_over_c, kappa, np.empty(problems.count))
+    shape = problems.count, number
+    values: dict[str, Any] = {name: np.empty(shape, np.float32) for name in ("emission_s", "v_over_c", "kappa")}
+    position: Any = np.empty((*shape, problems.dimensions), np.float32)
+    draws = Draws(position=position, effective=np.empty(problems.count), **values)
     for row, (first, last) in enumerate(pairwise(edges)):  # one at a time: its draws stay in the processor's cache
         some, one = slice(first, last), slice(row, row + 1)
         lattice = Lattice(

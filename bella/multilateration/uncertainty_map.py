@@ -33,7 +33,7 @@ MAP_TOLERANCE = 1.3
 MAP_DROP_NATS = 10.0
 """Longest edge of a cell in local standard deviations, and how far below the best density cells are dropped: without
 draws the standard deviations hold to a thousandth."""
-NODES_TOGETHER = 25
+NODES_TOGETHER = 100
 """Nodes treated together."""
 NODES_PER_TASK = 100
 """Nodes handed to a process at a time; also the step of the progress."""
