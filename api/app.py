@@ -6,10 +6,11 @@
 from typing import Any
 
 from fastapi import FastAPI
+from starlette.types import ASGIApp
 
 from api.errors import DESCRIBED, Problem, install_error_handlers
 from api.links import Prefixed
-from api.middleware import install_headers
+from api.middleware import UsualHeaders, install_headers
 from api.pages import burst as burst_page
 from api.pages import bursts as list_page
 from api.pages import days, planning, submit
@@ -31,7 +32,7 @@ from api.service import Service
 from api.static_files import router as static_files
 from bella import __version__
 from bella.logs import log_to
-from bella.settings import Settings
+from bella.settings import Settings, read_settings
 
 _OF_A_BURST = ("burst", "versions", "track", "posterior", "regions", "arrivals", "burst_events")
 _OF_A_SOLUTION = ("solution", "calibration")
@@ -67,6 +68,10 @@ class Described(FastAPI):
                 reply |= _links(operation["operationId"])
         return super().openapi()
 
+    def build_middleware_stack(self) -> ASGIApp:
+        """Layers of the application: the usual headers are on replies to errors that nobody foresaw, too."""
+        return UsualHeaders(super().build_middleware_stack())
+
 
 def _links(operation: str) -> dict[str, Any]:
     """Links of a reply, as OpenAPI describes them; nothing where there are none."""
@@ -98,7 +103,7 @@ def create_app(settings: Settings | None = None) -> FastAPI:
     )
     if settings is None:
         log_to(None)
-        settings = Settings()
+        settings = read_settings()
     app.state.service = Service(settings)
     install_error_handlers(app)
     install_headers(app, app.state.service)

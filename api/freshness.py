@@ -5,10 +5,8 @@ from collections.abc import Iterable
 from datetime import UTC, datetime, timedelta
 from email.utils import format_datetime, parsedate_to_datetime
 from pathlib import Path
-from typing import Any
 
 from fastapi import Request, Response
-from fastapi.responses import JSONResponse
 from starlette.datastructures import Headers, MutableHeaders
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
@@ -82,14 +80,9 @@ def _moment(text: str | None) -> datetime | None:
     return moment and (moment.replace(tzinfo=UTC) if moment.tzinfo is None else moment)
 
 
-def fresh_json(content: Any, tag: str) -> Response:
-    """JSON reply with its entity tag."""
-    return JSONResponse(content, headers={"ETag": tag, "Cache-Control": REVALIDATE})
-
-
-def not_modified(tag: str) -> Response:
-    """Reply to a reader who has this entity already."""
-    return Response(status_code=304, headers={"ETag": tag, "Cache-Control": REVALIDATE})
+def not_modified(tag: str, **more: str) -> Response:
+    """Reply to a reader who has this entity already; `more` are what its whole reply says of caches beside these."""
+    return Response(status_code=304, headers={"ETag": tag, **more})
 
 
 def not_modified_headers(whole: Headers) -> MutableHeaders:
@@ -151,7 +144,6 @@ class OutgoingReply:
             if "etag" not in headers and not body.get("more_body"):
                 content = headers.get("content-type", "").encode() + body.get("body", b"")
                 headers["ETag"] = f'W/"{hashlib.sha256(content).hexdigest()[:32]}"'
-                headers.setdefault("Cache-Control", REVALIDATE)
             if "etag" in headers and has_entity(self.asked, headers["etag"], headers.get("last-modified")):
                 raw = not_modified_headers(headers).raw
                 self.start = {"type": "http.response.start", "status": 304, "headers": raw}

@@ -1,4 +1,4 @@
-"""What is the same for all replies: tags and HEAD, compression, keeping, security headers, and who may read."""
+"""What is the same for all replies: tags and HEAD, compression, keeping, usual headers, and who may read."""
 
 import time
 from dataclasses import dataclass
@@ -46,6 +46,7 @@ ALWAYS = {
     "X-Content-Type-Options": "nosniff",
     "Referrer-Policy": "no-referrer",
     "Content-Security-Policy": CONTENT_SECURITY_POLICY,
+    "Cache-Control": REVALIDATE,
 }
 
 
@@ -99,7 +100,7 @@ class KeptReplies:
             if start and not found:
                 body, headers = message.get("body", b""), Headers(raw=start["headers"])
                 is_whole = start["status"] == 200 and not message.get("more_body") and "etag" in headers
-                if is_whole and headers.get("cache-control") == REVALIDATE and len(body) <= LARGEST_BYTES:
+                if is_whole and "cache-control" not in headers and len(body) <= LARGEST_BYTES:
                     until_s = time.monotonic() + AGE_S
                     found.append(_Kept(state, until_s, [*start["headers"]], body))
                     return
@@ -134,7 +135,7 @@ def _key(scope: Scope, asked: Headers) -> tuple[str, ...]:
     )
 
 
-class SecurityHeaders:
+class UsualHeaders:
     """Adds the headers of `ALWAYS` to each reply that has none of its own."""
 
     def __init__(self, app: ASGIApp) -> None:
@@ -177,4 +178,3 @@ def install_headers(app: FastAPI, service: Service) -> None:
         allow_headers=["Range", "If-None-Match", "If-Modified-Since", "Accept", "Last-Event-ID"],
         expose_headers=["ETag", "Content-Range", "Content-Length", "Accept-Ranges", "Retry-After"],
     )
-    app.add_middleware(SecurityHeaders)

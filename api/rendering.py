@@ -79,7 +79,7 @@ def render(
         .get_template(template)
         .render(path=own_path(request.scope), query=request.query_params.multi_items(), status=status, **values)
     )
-    return HTMLResponse(linked_text(text), status, {"Cache-Control": "no-cache", **(headers or {})})
+    return HTMLResponse(linked_text(text), status, headers)
 
 
 @cache

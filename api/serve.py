@@ -7,6 +7,7 @@ the words of it after that phrase.
 import argparse
 import asyncio
 import socket
+import sys
 from collections.abc import Sequence
 from http import HTTPStatus
 from typing import Any
@@ -15,6 +16,11 @@ import h11
 import uvicorn
 from uvicorn.protocols.http.h11_impl import H11Protocol
 
+from bella.catalogue.engine import parse_url
+from bella.exceptions import BellaError
+from bella.settings import read_settings
+
+LAST_PORT = 65535
 STATUS_HEADER = "X-HAPI-Status"
 LARGEST_HEAD_BYTES = 16_384
 """Of a request."""
@@ -133,15 +139,27 @@ def run(host: str, port: int, processes: int = 1) -> None:
     uvicorn.run("api.app:create_app", host=host, port=port, workers=processes, factory=True, **options())
 
 
+def port(text: str) -> int:
+    """Number of a port that can be listened on; argparse says what is wrong with another."""
+    number = int(text)
+    if not 0 < number <= LAST_PORT:
+        raise ValueError(text)
+    return number
+
+
 def main(arguments: Sequence[str] | None = None) -> None:
     """Serve the application of the environment."""
     parser = argparse.ArgumentParser(prog="python -m api.serve", description=__doc__)
     parser.add_argument("--host", default="127.0.0.1")
-    parser.add_argument("--port", type=int, default=8000)
+    parser.add_argument("--port", type=port, default=8000)
     parser.add_argument("--processes", type=int, default=1)
     given = parser.parse_args(arguments)
+    parse_url(read_settings().catalogue_url)  # what is wrong ends it here; what is away may come back
     run(given.host, given.port, given.processes)
 
 
 if __name__ == "__main__":
-    main()
+    try:
+        main()
+    except BellaError as failure:
+        sys.exit(f"api.serve: {failure}")

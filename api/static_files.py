@@ -9,7 +9,7 @@ from pathlib import Path
 
 from fastapi import APIRouter, Request, Response
 
-from api.freshness import IMMUTABLE, REVALIDATE
+from api.freshness import IMMUTABLE
 from bella.exceptions import NoDataError
 from bella.plotting import figure_style
 
@@ -35,7 +35,8 @@ def static_file(request: Request, name: str) -> Response:
     if file is None:
         raise NoDataError(f"there is no file {name[:40]!r}")
     body, headers = file.body, {"ETag": file.tag, "Vary": "Accept-Encoding"}
-    headers["Cache-Control"] = IMMUTABLE if "v" in request.query_params else REVALIDATE
+    if "v" in request.query_params:
+        headers["Cache-Control"] = IMMUTABLE
     if "gzip" in request.headers.get("accept-encoding", ""):
         body, headers["Content-Encoding"] = file.compressed, "gzip"
     return Response(body, media_type=file.media_type, headers=headers)

@@ -21,7 +21,7 @@ from starlette.concurrency import run_in_threadpool
 from starlette.types import Receive, Scope, Send
 
 from api.errors import NotAcceptableError
-from api.freshness import REVALIDATE, WITHOUT_BODY, is_known, last_modified, not_modified, tag_of
+from api.freshness import WITHOUT_BODY, is_known, last_modified, not_modified, tag_of
 from api.links import linked
 from api.queries import BurstFilter, DetectionFilter, EventFilter, SolutionChoice
 from bella.catalogue import BurstPage, BurstQuery, BurstSummary, Catalogue, Detection
@@ -66,7 +66,6 @@ def streamed(request: Request, pieces: Generator[bytes], media_type: str, header
     BusyError
         Where `AT_ONCE` replies are streamed already.
     """
-    headers = {"Cache-Control": REVALIDATE, **headers}
     if request.scope.get(WITHOUT_BODY):
         return StreamingResponse(iter(()), media_type=media_type, headers=headers)
     running = _in_one_context(pieces)
@@ -110,7 +109,7 @@ class BurstTableFilter(BurstFilter):
 
     limit: Annotated[int, Field(ge=1, le=1000)] | Literal["all"] = Field(  # type: ignore[assignment]
         50,
-        description="Bursts per reply; `all` for everything that the query finds, in one reply.",
+        description="Bursts per reply; `all` for all that the query finds, in one reply (CDF: up to 20 000 bursts).",
         union_mode="left_to_right",
     )
     format: FormatName = FORMAT
@@ -134,7 +133,8 @@ class BurstTableFilter(BurstFilter):
         if len(bursts) > MOST_BURSTS:
             others = ", ".join(one.name for one in FORMATS.values() if one.pieces)
             raise InputError(
-                f"limit: more than {MOST_BURSTS} bursts in one reply; ask for a shorter time, or for {others}"
+                f"limit: a file of this format is made in memory and holds up to {MOST_BURSTS} bursts, and the query "
+                f"finds more; ask for a shorter time, or for a format that is sent row by row: {others}"
             )
         return BurstPage(bursts, None, len(bursts))
 
@@ -277,7 +277,7 @@ def whole_list(  # noqa: PLR0913, PLR0917 - what is asked for, of what, and how 
     tag = tag_of((), catalogue.state_of(query), chosen.name, linked("/"))
     modified = last_modified(catalogue.changed_utc("bursts"))
     if is_known(request, tag, modified.get("Last-Modified")):
-        return not_modified(tag)
+        return not_modified(tag, Vary="Accept")
     return streamed(
         request,
         _snapped(catalogue, query, pieces),

@@ -13,6 +13,7 @@ Unit("MHz")
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
+from datetime import datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -33,6 +34,7 @@ from bella.formats.columns import ARRIVALS, DETECTIONS, LOCALISATIONS, TRACKS
 from bella.formats.record_table import RecordTable, record_table
 from bella.formats.tables import localisation_records, track_numbers
 from bella.records import JointTrack
+from bella.times import parse_utc
 from bella.units import FloatArray
 from bella.user_tables import arrival_frame
 
@@ -45,7 +47,8 @@ if TYPE_CHECKING:
 FEWEST_FOR_TRACK = 2
 EDGE_FREQUENCIES = 40
 
-Spectrum = str | Path | xr.Dataset | xr.DataTree
+Spectrum = str | Path | xr.Dataset | xr.DataArray | xr.DataTree
+SPECTRUM = (str, Path, xr.Dataset, xr.DataArray, xr.DataTree)
 Spectra = Spectrum | Iterable[Spectrum]
 
 
@@ -173,12 +176,16 @@ class Detections:
     ----------
     frame : pandas.DataFrame
         One row per burst and spacecraft, as the command ``bella detect`` writes it.
+    not_searchable : tuple of str
+        Why spectra could not be searched, a line for each: no burst in the table does not mean that they show none.
     """
 
     frame: pd.DataFrame
+    not_searchable: tuple[str, ...] = ()
 
     def __repr__(self) -> str:
-        return f"Detections({len(self)} of {self.frame['observatory'].nunique()} spacecraft)"
+        unsearched = "".join(f"; not searchable: {one}" for one in self.not_searchable)
+        return f"Detections({len(self)} of {self.frame['observatory'].nunique()} spacecraft{unsearched})"
 
     def __len__(self) -> int:
         return len(self.frame)
@@ -302,12 +309,13 @@ def detect(spectra: Spectra) -> Detections:
     """
     from bella.bursts.association import detect_in_fleet  # noqa: PLC0415 - heavy
 
-    return Detections(detect_in_fleet(_pieces(spectra)).table)
+    found = detect_in_fleet(_pieces(spectra))
+    return Detections(found.table, tuple(found.not_searchable))
 
 
 def time_edges(
     spectra: Spectra,
-    around: "str | np.datetime64 | Time",
+    around: "str | np.datetime64 | datetime | Time",
     *,
     edge: str = "shared_profile",
     frequencies: int = EDGE_FREQUENCIES,
@@ -318,7 +326,7 @@ def time_edges(
     ----------
     spectra : path, xarray.Dataset, or several of them
         Of one burst, at least one per spacecraft.
-    around : str, datetime64 or Time
+    around : str, datetime64, datetime or Time
         About when the burst begins at high frequencies, UTC.
     edge : str
         A name of `bella.bursts.timing.EDGES`.
@@ -352,10 +360,13 @@ def time_edges(
 def _pieces(spectra: Spectra) -> "list[FleetPiece]":
     from bella.spectra import as_spectrum, fleet_pieces, open_spectra  # noqa: PLC0415 - heavy
 
-    several = [spectra] if isinstance(spectra, str | Path | xr.Dataset | xr.DataTree) else list(spectra)
+    is_several = isinstance(spectra, Iterable) and not isinstance(spectra, (*SPECTRUM, pd.DataFrame))
+    several: list[Any] = list(spectra) if is_several else [spectra]  # type: ignore[arg-type]
     opened: list[xr.Dataset] = []
     for one in several:
-        if isinstance(one, xr.Dataset):
+        if not isinstance(one, SPECTRUM):
+            raise InputError(f"{type(one).__name__} is no spectrum; give a file, an xarray.Dataset or several of them")
+        if isinstance(one, xr.Dataset | xr.DataArray):
             opened.append(as_spectrum(one, "the dataset"))
         elif isinstance(one, xr.DataTree):
             opened += [as_spectrum(leaf.to_dataset(), leaf.path) for leaf in one.leaves]
@@ -367,15 +378,10 @@ def _pieces(spectra: Spectra) -> "list[FleetPiece]":
     return pieces
 
 
-def _moment(around: "str | np.datetime64 | Time") -> np.datetime64:
-    try:
-        if isinstance(around, str):
-            return np.datetime64(around.strip().removesuffix("Z"), "ns")
-        if isinstance(around, np.datetime64):
-            return np.datetime64(str(around), "ns")
-        return np.datetime64(str(around.utc.isot), "ns")
-    except ValueError as error:
-        raise InputError(f"around: {around!r} is not a time; write UTC as 2012-06-07T19:30:00") from error
+def _moment(around: "str | np.datetime64 | datetime | Time") -> np.datetime64:
+    text = around.utc.isot if isinstance(around, Time) else str(around)
+    moment = parse_utc(text, "around")
+    return np.datetime64(moment.replace(tzinfo=None), "ns")  # type: ignore[union-attr]
 
 
 def _arrivals(table: Any, received_by: int) -> Arrivals:

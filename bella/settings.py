@@ -3,7 +3,9 @@
 Read by the command line, the flows, the API and the migrations only; the science takes arguments.
 """
 
+import os
 from datetime import date
+from difflib import get_close_matches
 from pathlib import Path
 
 from pydantic import Field, NonNegativeInt, PositiveFloat, PositiveInt, ValidationError, field_validator
@@ -11,6 +13,12 @@ from pydantic_settings import BaseSettings, SettingsConfigDict
 
 from bella.exceptions import InputError
 from bella.records import Origin
+
+PREFIX = "BELLA_"
+"""Of the environment variables of settings."""
+
+NEAR = 0.85
+"""Likeness, as difflib states it, from which a name counts as misspelt: no two settings are so alike."""
 
 WIND_FIGURE = "wind"
 """Name of the figure that a solution has where the wind was measured."""
@@ -22,7 +30,7 @@ COLLAPSED_FIGURE = "shared-profile"
 class Settings(BaseSettings):
     """Where things are kept and how much the service takes on."""
 
-    model_config = SettingsConfigDict(env_prefix="BELLA_", extra="ignore")
+    model_config = SettingsConfigDict(env_prefix=PREFIX, extra="ignore")
 
     home: Path = Field(default=Path("bella-home"), description="Folder that holds everything the service writes.")
     database_url: str | None = Field(
@@ -201,17 +209,40 @@ class Settings(BaseSettings):
         return self.mirror_root / "ephemeris.nc"
 
 
+def make_folder(path: Path) -> None:
+    """Make a folder of the home folder.
+
+    Raises
+    ------
+    InputError
+        If that is not possible.
+    """
+    try:
+        path.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        reason = "it is a file" if isinstance(error, FileExistsError) else error.strerror
+        raise InputError(
+            f"folder {path}: {reason}; repair it, or name another home with --home or BELLA_HOME"
+        ) from error
+
+
 def read_settings() -> Settings:
     """Settings of the environment.
 
     Raises
     ------
     InputError
-        If a variable does not hold what it should; the message names it.
+        If a variable does not hold what it should, or its name is that of a setting but for a letter or two; the
+        message names it.
     """
+    fields = list(Settings.model_fields)
+    for name in (one for one in map(str.upper, os.environ) if one.startswith(PREFIX)):
+        field = name.removeprefix(PREFIX).lower()
+        if field not in fields and (near := get_close_matches(field, fields, 1, NEAR)):
+            raise InputError(f"{name} is no setting: {PREFIX}{near[0].upper()} is; correct or unset it")
     try:
         return Settings()
     except ValidationError as error:
         fault = error.errors()[0]
-        name = "_".join(["BELLA", *map(str, fault["loc"])]).upper()
+        name = f"{PREFIX}{'_'.join(map(str, fault['loc']))}".upper()
         raise InputError(f"{name} is {fault['input']!r}: {fault['msg']}; correct or unset it") from error

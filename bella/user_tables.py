@@ -59,10 +59,16 @@ def arrival_frame(table: UserTable) -> pd.DataFrame:
         if name in found:
             raise InputError(f"column {given}: {name} is given twice; keep one of them")
         found[name] = _bare(given, name, values)
+        if found[name].ndim > 1:
+            raise InputError(f"column {given}: has {found[name].ndim} dimensions; give one value for each row")
     missing = [name for name in REQUIRED if name not in found and name != "edge"]
     if missing:
         raise InputError(f"column {missing[0]} is missing; needed are observatory, frequency, arrival time and sigma")
-    frame = pd.DataFrame(found)
+    rows = len(np.atleast_1d(found["observatory"]))
+    unlike = next((name for name, values in found.items() if values.ndim and len(values) != rows), None)
+    if unlike:
+        raise InputError(f"column {unlike}: has {len(found[unlike])} rows, and observatory {rows}; give as many")
+    frame = pd.DataFrame(found, index=range(rows))
     if "edge" not in frame:
         frame["edge"] = EDGE_NOT_STATED
     frame.attrs = dict(getattr(table, "attrs", None) or getattr(table, "meta", None) or {})
@@ -71,6 +77,9 @@ def arrival_frame(table: UserTable) -> pd.DataFrame:
 
 def _columns(table: UserTable) -> dict[str, Any]:
     if isinstance(table, pd.DataFrame):
+        twice = table.columns[table.columns.duplicated()]
+        if len(twice):
+            raise InputError(f"column {twice[0]}: is given twice; keep one of them")
         return {str(name): table[name].to_numpy() for name in table.columns}
     if isinstance(table, Table):
         return {name: table[name] for name in table.colnames}

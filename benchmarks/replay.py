@@ -28,10 +28,12 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import structlog
 
 from bella.archive import find_datasets
 from bella.catalogue import BurstQuery, Catalogue
 from bella.exceptions import BellaError
+from bella.logs import log_to
 from bella.pipeline.housekeeping import sweep_store
 from bella.records import Origin
 from bella.settings import Settings
@@ -83,6 +85,8 @@ MOST_RUNS = 8
 DRAWS, LEASE_S = 100, 5
 CLOCKS = ("+3h", "-3h")
 """Clocks that a run may have in place of the right one, as ``faketime`` takes them."""
+
+log = structlog.get_logger(__name__)
 
 SERVICES = ("database", "prefect")
 """What is killed beside the command itself."""
@@ -137,6 +141,8 @@ class Home:
         Files of the store and rows of the catalogue after every step.
     turn : list of str
         Faults that come next: each once, in a random order, then all again.
+    workers : int
+        Processes that a run computes with.
     """
 
     path: Path
@@ -148,6 +154,7 @@ class Home:
     faults: dict[str, int] = field(default_factory=dict)
     growth: list[tuple[int, int]] = field(default_factory=list)
     turn: list[str] = field(default_factory=list)
+    workers: int = 1
 
     @property
     def settings(self) -> Settings:
@@ -162,6 +169,7 @@ class Home:
             command = ["faketime", "-f", clock, *command]
         environment = {"PATH": os.environ["PATH"], "OPENBLAS_NUM_THREADS": "1", "BELLA_ARCHIVE_TIMEOUT_S": "2"}
         environment |= {"BELLA_DRAWS": f"{DRAWS}", "BELLA_LEASE_S": f"{LEASE_S}", "HOME": str(self.path.parent)}
+        environment["BELLA_WORKERS"] = f"{self.workers}"
         if self.services is None or clock:  # a Prefect server has one clock with its clients
             command.append("--direct")
         if self.services is not None:
@@ -182,6 +190,7 @@ class Home:
         process.returncode = os.waitstatus_to_exitcode(status)
         self.runs_s.append(time.monotonic() - begin)
         self.rss_mb.append(usage.ru_maxrss / 1024)
+        log.info("run", status=process.returncode, took_s=round(self.runs_s[-1], 1))
         return process.returncode
 
     def finish(self, days: Sequence[date]) -> None:
@@ -259,14 +268,23 @@ def full_disk(home: Path) -> Iterator[bool]:
         ballast.unlink(missing_ok=True)
 
 
-def kill_something(home: Home, days: Sequence[date], rng: random.Random) -> None:
-    """Start a run, and kill it or a service under it at a random instant; a service comes back within seconds."""
-    process = home.start(days)
+def kill_something(home: Home, days: Sequence[date], rng: random.Random) -> bool:
+    """Start a run, and kill it or a service under it at a random instant; a service comes back within seconds.
+
+    Returns
+    -------
+    bool
+        False where the run was done before: nothing is left to be disturbed.
+    """
+    begin, process = time.monotonic(), home.start(days)
     with suppress(subprocess.TimeoutExpired):
         process.wait(rng.uniform(0.0, 1.2 * statistics.mean(home.runs_s or [FIRST_GUESS_S])))
+    if process.poll() is not None:
+        log.info("ended before it was killed", status=process.returncode, took_s=round(time.monotonic() - begin, 1))
+        return process.returncode != 0
     victim = rng.choice(["run", *SERVICES]) if home.services else "run"
-    if process.poll() is None:
-        home.met(f"{victim} killed")
+    after_s = time.monotonic() - begin
+    home.met(f"{victim} killed")
     if home.services is not None and victim in SERVICES:
         home.services.kill(victim)
         time.sleep(rng.uniform(0.0, 5.0))
@@ -276,16 +294,29 @@ def kill_something(home: Home, days: Sequence[date], rng: random.Random) -> None
     with suppress(ProcessLookupError):
         os.killpg(process.pid, signal.SIGKILL)
     process.wait()
+    log.info("killed", victim=victim, after_s=round(after_s, 1), took_s=round(time.monotonic() - begin, 1))
+    return True
 
 
-def disturb(home: Home, days: Sequence[date], kills: int, plan: Plan, rng: random.Random) -> None:
-    """Let runs on some days meet faults; what they leave behind is the next run's affair."""
-    for _ in range(kills):
-        kill_something(home, days, rng)
+def disturb(home: Home, days: Sequence[date], kills: int, plan: Plan, rng: random.Random) -> int:
+    """Let runs on some days meet faults; what they leave behind is the next run's affair.
+
+    Returns
+    -------
+    int
+        Kills that are left because all was done before.
+    """
+    is_last = rng.random() < 0.5  # a fault that comes first meets a run with everything to do
+    while is_last and kills and kill_something(home, days, rng):
+        kills -= 1
     home.turn = home.turn or rng.sample(FAULTS, len(FAULTS))
-    fault = home.turn.pop()
+    fault, begin = home.turn.pop(), time.monotonic()
     if meet(fault, home, days, plan, rng):
         home.met(fault)
+    log.info("fault", fault=fault, took_s=round(time.monotonic() - begin, 1))
+    while not is_last and kills and kill_something(home, days, rng):
+        kills -= 1
+    return kills
 
 
 def meet(fault: str, home: Home, days: Sequence[date], plan: Plan, rng: random.Random) -> bool:
@@ -319,14 +350,16 @@ def replay(home: Home, plan: Plan, steps: list[list[tuple[Path, str]]], source: 
     rng = random.Random(plan.seed)
     shares = [rng.random() for _ in steps]
     kills = [round(plan.kills * share / sum(shares)) for share in shares]
+    left = 0
     for step, files in enumerate(steps):
         make_visible(files, source, home.archive)
         visible = datetime.now(UTC)
         stamps = {path.name.split("20211")[1][:3] for path, _ in files}
         days = [day for day in plan.all_days if f"{day:%Y%m%d}".removeprefix("20211") in stamps]
         days = [day for day in plan.all_days if days[0] <= day <= days[-1]]
+        log.info("step", step=step, of=len(steps), first=f"{days[0]}", last=f"{days[-1]}", quiet=quiet)
         if not quiet:
-            disturb(home, days, kills[step], plan, rng)
+            left = disturb(home, days, kills[step] + left, plan, rng)
         home.finish(days)
         with closing(Catalogue.open(home.settings.catalogue_url)) as catalogue:
             rows = 0
@@ -445,7 +478,7 @@ def small_disk(folder: Path) -> Iterator[bool]:
             subprocess.run(["umount", "--lazy", str(folder)], capture_output=True, check=False)
 
 
-def compare(plan: Plan, folder: Path) -> dict[str, Any]:
+def compare(plan: Plan, folder: Path, workers: int = 1) -> dict[str, Any]:
     """Replay a plan in peace and with faults, and compare.
 
     Parameters
@@ -453,6 +486,8 @@ def compare(plan: Plan, folder: Path) -> dict[str, Any]:
     plan : Plan
     folder : pathlib.Path
         Empty; everything is written there.
+    workers : int
+        Processes that each run computes with.
 
     Returns
     -------
@@ -469,7 +504,7 @@ def compare(plan: Plan, folder: Path) -> dict[str, Any]:
             lay_out(place / "archive", plan.all_days)
             if name == "disturbed":
                 stack.enter_context(small_disk(place / "bella-home"))
-            homes.append(Home(place / "bella-home", place / "archive"))
+            homes.append(Home(place / "bella-home", place / "archive", workers=workers))
             if name == "disturbed":
                 homes[-1].services = stack.enter_context(Services(homes[-1].path)).watch()
             replay(homes[-1], plan, steps, source, quiet=name == "quiet")
@@ -491,12 +526,17 @@ def main() -> None:
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--duplicates", type=int, default=16, help="runs started at the same time")
     parser.add_argument("--dataset", action="append", choices=[*LATENCY_D], help="may be given again; default: all")
+    parser.add_argument("--workers", type=int, default=os.cpu_count() or 1, help="processes of each run")
+    parser.add_argument("--folder", type=Path, help="empty; kept, with the logs of all runs; default: one that is not")
     given = parser.parse_args()
+    log_to(None)
     signal.signal(signal.SIGTERM, signal.default_int_handler)  # the services end with it
     datasets = tuple(given.dataset or LATENCY_D)
     plan = Plan(given.days, given.kills, given.seed, given.duplicates, datasets)
-    with tempfile.TemporaryDirectory(prefix="bella-replay-", ignore_cleanup_errors=True) as folder:
-        found = compare(plan, Path(folder))
+    with ExitStack() as stack:
+        made = tempfile.TemporaryDirectory(prefix="bella-replay-", ignore_cleanup_errors=True)
+        folder = given.folder or Path(stack.enter_context(made))
+        found = compare(plan, folder, given.workers)
     print(json.dumps(found, indent=1))
     sys.exit(0 if is_clean(found) else 1)
 

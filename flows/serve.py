@@ -13,7 +13,7 @@ from bella.catalogue import Catalogue
 from bella.exceptions import BellaError, InputError
 from bella.logs import log_to
 from bella.pipeline.workers import prepare
-from bella.settings import Settings, read_settings
+from bella.settings import Settings, make_folder, read_settings
 
 FIRST_RUN_AFTER = timedelta(seconds=10)
 INGEST, SCHEDULED = "ingest", "scheduled"
@@ -53,7 +53,7 @@ def main(names: Sequence[str] = ()) -> None:
     prepare(settings)
     log_to(None)
     # schema and store are there before the first run, so that the API is well although nothing was localised yet
-    settings.store_root.mkdir(parents=True, exist_ok=True)
+    make_folder(settings.store_root)
     Catalogue.open(settings.catalogue_url, create=True).close()
     from prefect import serve  # noqa: PLC0415 - Prefect reads its settings when imported
 

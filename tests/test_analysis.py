@@ -4,7 +4,9 @@ import doctest
 import re
 import subprocess
 import sys
+from datetime import datetime, timedelta, timezone
 from pathlib import Path
+from typing import Any
 from xml.etree import ElementTree
 
 import numpy as np
@@ -195,6 +197,35 @@ def test_bursts_are_found_in_spectra() -> None:
     drawn = found.plot().svg
     assert drawn.count("<rect") == len(found)
     assert "data" not in bella.Detections(found.frame[:0]).plot().svg
+
+
+def test_what_cannot_be_searched_is_not_without_bursts() -> None:
+    spectrum = event_spectra()["WIND"].to_dataset()
+    found = bella.detect(spectrum.isel(frequency=slice(0, 2)))
+    assert len(found) == 0
+    assert "search channels" in found.not_searchable[0]
+    assert "not searchable" in repr(found)
+
+
+@pytest.mark.parametrize(
+    "around",
+    [
+        np.datetime64("2012-06-07T19:30"),
+        datetime(2012, 6, 7, 21, 30, tzinfo=timezone(timedelta(hours=2))),
+        Time("2012-06-07T19:31:06.184", scale="tt"),
+        "2012-06-07T21:30+02:00",
+        "2012-06-07 19:30:00Z",
+    ],
+)
+def test_a_time_may_be_of_any_type(around: Any) -> None:
+    late = analysis._moment(around) - np.datetime64("2012-06-07T19:30")
+    assert abs(late) < np.timedelta64(1, "ms")
+
+
+@pytest.mark.parametrize("wrong", [TABLE, 5, [3.0], None])
+def test_what_is_no_spectrum_is_named(wrong: Any) -> None:
+    with pytest.raises(InputError, match="is no spectrum"):
+        bella.detect(wrong)
 
 
 def test_a_wrong_table_is_one_line_that_names_the_column() -> None:

@@ -7,6 +7,7 @@ import re
 import socket
 import subprocess
 import sys
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -14,12 +15,16 @@ import pandas as pd
 import pytest
 from typer.testing import CliRunner
 
+from api import serve as server
 from bella.catalogue import Catalogue
 from bella.cli import app
 from bella.cli.options import delay_option
 from bella.exceptions import BusyError, InputError
+from bella.pipeline.workers import prepare
+from bella.settings import Settings
 from bella.spacecraft import position_hee
 from bella.units import C_RSUN_S
+from flows import serve as worker
 from tests.api.published import settings_of
 
 SOURCE_RSUN = np.array([30.0, 40.0, 0.0])
@@ -83,6 +88,38 @@ def test_a_port_in_use_is_named_before_anything_starts(tmp_path: Path) -> None:
     assert isinstance(done.exception, BusyError)
     assert str(done.exception) == f"port {port} of 127.0.0.1 is used by another program; name another --port"
     assert not (tmp_path / "home").exists()
+
+
+@pytest.mark.parametrize(
+    "main",
+    [lambda: CliRunner().invoke(app, ["serve"], catch_exceptions=False), worker.main, lambda: prepare(Settings())],
+)
+def test_a_home_that_is_no_folder_is_named(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, main: Callable[[], object]
+) -> None:
+    (tmp_path / "home").write_text("")
+    monkeypatch.setenv("BELLA_HOME", str(tmp_path / "home"))
+    with pytest.raises(InputError, match=rf"^folder {tmp_path}/home.*; repair it, or name another home"):
+        main()
+
+
+@pytest.mark.parametrize(
+    ("name", "value", "words"),
+    [("BELLA_LEASE_S", "-1", "greater than 0"), ("BELLA_DATABASE_URL", "foo", "not the URL of a database")],
+)
+def test_the_server_starts_with_no_setting_that_is_wrong(
+    monkeypatch: pytest.MonkeyPatch, name: str, value: str, words: str
+) -> None:
+    monkeypatch.setenv(name, value)
+    with pytest.raises(InputError, match=f"^{name} is .*{words}"):
+        server.main([])
+
+
+def test_the_server_is_refused_a_port_that_there_is_not(capsys: pytest.CaptureFixture[str]) -> None:
+    for port in ("0", "65536", "x"):
+        with pytest.raises(SystemExit):
+            server.main(["--port", port])
+        assert f"argument --port: invalid port value: '{port}'" in capsys.readouterr().err
 
 
 def test_a_reader_who_leaves_is_no_failure() -> None:

@@ -175,6 +175,7 @@ BAD_TABLES = {
     "word": (None, [*ROWS, "D,1,0,up"], "row 4, column z_rsun: 'up' is not a number"),
     "twice": (None, [*ROWS, "B,1,0,0"], "row 4, column observatory: 'B' occurs twice"),
     "no name": (None, [*ROWS, " ,1,0,0"], "row 4, column observatory: '' is empty"),
+    "semicolons": ("observatory;x_rsun;y_rsun;z_rsun", [row.replace(",", ";") for row in ROWS[:2]], "3 or more"),
     "two rows": (None, ROWS[:2], "3 or more"),
     "no rows": (None, [], "3 or more"),
     "one place": (None, ["A,1,2,3", "B,1,2,3", "C,1,2,3"], "one place"),
@@ -182,8 +183,8 @@ BAD_TABLES = {
     "sigma 0": ("observatory,x_rsun,y_rsun,z_rsun,sigma_s", [f"{row},0" for row in ROWS], "row 1, column sigma_s: '0'"),
     "sigma word": ("observatory,x_rsun,y_rsun,z_rsun,sigma_s", [f"{row},s" for row in ROWS], "column sigma_s: 's'"),
     "no sigma": (None, ROWS, "no timing error is known for A"),
-    "too many fields": (None, [*ROWS, "D,1,0,0,5,6"], "cannot be read as a CSV table"),
-    "more fields than names": (None, [f"{row},5" for row in ROWS], "more fields"),
+    "too many fields": (None, [*ROWS, "D,1,0,0,5,6"], "is not a CSV table"),
+    "more fields than names": (None, [f"{row},5" for row in ROWS], "more columns"),
 }
 
 

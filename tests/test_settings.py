@@ -72,8 +72,17 @@ def test_senseless_values_are_refused(name, value) -> None:
 
 
 def test_foreign_variables_do_no_harm(monkeypatch) -> None:
-    monkeypatch.setenv("BELLA_REFERENCE_FILES", "/nowhere")
-    assert Settings().draws > 0
+    for name in ("BELLA_REFERENCE_FILES", "BELLA_PORT", "BELLA_DB_PASSWORD", "OTHER_RECNT_DAYS"):
+        monkeypatch.setenv(name, "/nowhere")
+    assert read_settings().draws > 0
+
+
+def test_a_setting_whose_name_is_misspelt_is_not_passed_over(monkeypatch) -> None:
+    monkeypatch.setenv("BELLA_RECNT_DAYS", "3")
+    with pytest.raises(
+        InputError, match=r"^BELLA_RECNT_DAYS is no setting: BELLA_RECENT_DAYS is; correct or unset it$"
+    ):
+        read_settings()
 
 
 @pytest.mark.parametrize(("name", "value"), [("BELLA_DRAWS", "abc"), ("BELLA_RECENT_DAYS", "-1")])

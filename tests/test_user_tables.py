@@ -81,6 +81,8 @@ def test_a_table_of_the_package_passes_through() -> None:
         ({"observatory": MaskedColumn(NAMES, mask=[0, 1, 0])}, r"column observatory: row 2 is masked"),
         ({"sigma_s": None}, r"column sigma_s is missing"),
         ({"sigma": [1.0] * 3 * u.s}, r"column sigma: sigma_s is given twice"),
+        ({"sigma_s": [1.0] * 2 * u.s}, r"column sigma_s: has 2 rows, and observatory 3"),
+        ({"sigma_s": np.ones((3, 1)) * u.s}, r"column sigma_s: has 2 dimensions"),
     ],
 )
 def test_what_is_wrong_is_named(changed: dict[str, Any], words: str) -> None:
@@ -98,6 +100,12 @@ def test_quantities_and_bare_numbers_in_one_column_are_told_apart() -> None:
     frame = pd.DataFrame(columns(sigma_s=None)).assign(sigma=pd.Series([10 * u.s, 20.0, 30 * u.s], dtype=object))
     with pytest.raises(InputError, match="column sigma: row 2 has no unit"):
         arrival_frame(frame)
+
+
+def test_a_column_given_twice_is_named() -> None:
+    frame = pd.DataFrame(columns())
+    with pytest.raises(InputError, match="column sigma_s: is given twice"):
+        arrival_frame(pd.concat([frame, frame[["sigma_s"]]], axis=1))
 
 
 def test_what_is_no_table_is_refused() -> None:

@@ -11,7 +11,7 @@ from fastapi.responses import StreamingResponse
 from pydantic import Field
 from starlette.concurrency import run_in_threadpool
 
-from api.freshness import REVALIDATE, is_known, not_modified, tag_of
+from api.freshness import is_known, not_modified, tag_of
 from api.queries import AlertFilter, AlertStreamFilter
 from api.replies import Reply
 from api.schemas import Json
@@ -119,8 +119,7 @@ def alerts_feed(request: Request, catalogue: CatalogueHere) -> Response:
     if is_known(request, tag):
         return not_modified(tag)
     text = atom_feed(found, _base(request), NO_NEWS)
-    headers = {"ETag": tag, "Cache-Control": REVALIDATE}
-    return Response(text, media_type="application/atom+xml; charset=utf-8", headers=headers)
+    return Response(text, media_type="application/atom+xml; charset=utf-8", headers={"ETag": tag})
 
 
 def _base(request: Request) -> str:

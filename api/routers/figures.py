@@ -7,7 +7,7 @@ from fastapi import APIRouter, Depends, Path, Query, Request, Response
 from pydantic import Field
 
 from api.drawing import BurstView, Looked, selection_of, selection_query
-from api.freshness import REVALIDATE, file_tag, is_known, not_modified, tag_of
+from api.freshness import file_tag, is_known, not_modified, tag_of
 from api.links import linked, site_url
 from api.queries import BurstId, BurstSelection, DayText, OriginChoice, SolutionId
 from api.service import CatalogueHere, ServiceHere
@@ -162,7 +162,6 @@ def file_reply(made: bytes, kind: Kind, name: str, tag: str) -> Response:
     """Figure as a file of its own."""
     headers = {
         "ETag": tag,
-        "Cache-Control": REVALIDATE,
         "Content-Disposition": f'inline; filename="{name}.{kind}"',
         "Content-Security-Policy": FILE_POLICY,
     }

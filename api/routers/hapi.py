@@ -128,7 +128,7 @@ def _data(request: Request, service: ServiceHere, asked: Mapping[str, str]) -> R
     if "include" in asked or output == "json":
         header = {**_header(service, dataset, asked.get("parameters")), **status_object(code)}
     body = encode(found, output, header)
-    headers = {STATUS_HEADER: f"HAPI {code} {STATUS[code][1]}", "Vary": "Accept-Encoding"}
+    headers = {STATUS_HEADER: f"HAPI {code} {STATUS[code][1]}"}
     if "gzip" in request.headers.get("accept-encoding", "") and body:
         body, headers["Content-Encoding"] = gzip.compress(body, 6, mtime=0), "gzip"
     return Response(body, media_type=OUTPUT_FORMATS[output], headers=headers)
@@ -196,7 +196,7 @@ def _asked(request: Request, allowed: tuple[str, ...]) -> dict[str, str]:
 
 
 def _metadata(said: Json) -> Response:
-    headers = {"Last-Modified": format_datetime(datetime.now(UTC), usegmt=True), "Cache-Control": "no-cache"}
+    headers = {"Last-Modified": format_datetime(datetime.now(UTC), usegmt=True)}
     return JSONResponse({**status_object(1200), **said}, headers=headers)
 
 

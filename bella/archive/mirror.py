@@ -215,7 +215,7 @@ class Archive:
         above, _, own = folder.rpartition("/")
         names = self._names(above)
         if names is None:
-            return above.rpartition("/")[2].isdigit() and self._lacks_year(above)
+            return above.rpartition("/")[2].isdecimal() and self._lacks_year(above)
         return own not in names
 
     def _names(self, folder: str) -> frozenset[str] | None:

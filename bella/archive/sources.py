@@ -216,7 +216,7 @@ def open_source(root: str, timeout_s: float) -> Source:
 
 def _reader(response: httpx.Response, url: str, length: str | None) -> Callable[[int], bytes]:
     """Read so that a body that ends early, stalls or dribbles is an error."""
-    left = int(length) if length and length.isdigit() else None
+    left = int(length) if length and length.isdecimal() else None
     end = time.monotonic() + LONGEST_REQUEST_S
     pieces = response.iter_raw()
 
@@ -249,7 +249,7 @@ def _folder_reader(stream: BinaryIO, path: Path) -> Callable[[int], bytes]:
 
 def _asked_wait_s(response: httpx.Response) -> float:
     wait = response.headers.get("Retry-After", "")
-    return float(wait) if wait.isdigit() else 0.0
+    return float(wait) if wait.isdecimal() else 0.0
 
 
 class _Links(HTMLParser):

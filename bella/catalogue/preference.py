@@ -160,7 +160,7 @@ def _named(known: tuple[Solution, ...], burst_id: str, name: str) -> Solution:
     for one in known:
         series, version = one.solution_id.removeprefix(f"{burst_id}.").rsplit(".v", 1)
         asked, _, wanted = tail.rpartition(".v")
-        if asked == series and wanted.isdigit() and 0 < int(wanted) < int(version):
+        if asked == series and wanted.isdecimal() and 0 < int(wanted) < int(version):
             raise InputError(f"{name} was superseded by {one.solution_id}: name that one, or {one.series.name}")
         if tail == one.solution_id.removeprefix(f"{burst_id}."):
             return one

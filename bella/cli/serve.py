@@ -32,9 +32,10 @@ def serve(
     settings = settings_of(home)
     _check_free(host, port)
     from api.serve import run as run_server
+    from bella.settings import make_folder
 
+    make_folder(settings.home)
     log_to(None)
-    settings.home.mkdir(parents=True, exist_ok=True)
     open_catalogue(settings, create=True).close()
     bars.print(f"Catalogue of {settings.home.resolve()} on http://{host}:{port}", soft_wrap=True, highlight=False)
     run_server(host, port, processes)

@@ -8,8 +8,9 @@
 
 import json
 from http import HTTPStatus
+from http.client import HTTPException
 from typing import Any, TypeAlias
-from urllib.error import HTTPError, URLError
+from urllib.error import HTTPError
 from urllib.parse import quote, urlencode
 from urllib.request import Request, urlopen
 
@@ -139,16 +140,27 @@ class Client:
         return whole
 
     def _table(self, path: str, query: dict[str, Any]) -> QTable:
-        text = self._read(path, {**query, "format": "ecsv"}).decode()
-        table = QTable.read(text, format="ascii.ecsv")
+        reply = self._read(path, {**query, "format": "ecsv"})
+        try:
+            table = QTable.read(reply.decode().split("\n"), format="ascii.ecsv")
+        except ValueError as error:  # those of astropy.io.ascii and of text are among them
+            raise self._not_understood() from error
         for name in table.colnames:  # an empty text is written as a missing one
             if isinstance(table[name], MaskedColumn) and table[name].dtype.kind == "U":
                 table[name] = table[name].filled("")
         return table
 
     def _json(self, path: str, query: dict[str, Any]) -> dict[str, Any]:
-        found: dict[str, Any] = json.loads(self._read(path, query))
+        try:
+            found = json.loads(self._read(path, query))
+        except ValueError as error:
+            raise self._not_understood() from error
+        if not isinstance(found, dict):
+            raise self._not_understood()
         return found
+
+    def _not_understood(self) -> InputError:
+        return InputError(f"{self.url} does not answer as a service of this kind: check the address")
 
     def _read(self, path: str, query: dict[str, Any]) -> bytes:
         known = {name: value for name, value in query.items() if value is not None}
@@ -159,7 +171,7 @@ class Client:
                 return bytes(reply.read())
         except HTTPError as error:
             raise _refused(self.url, error) from None
-        except (URLError, OSError) as error:
+        except (OSError, HTTPException) as error:
             reason = getattr(error, "reason", error)
             message = f"{self.url} does not answer ({reason}): check the address, or try again later"
             raise UnreachableError(message) from None

@@ -200,7 +200,7 @@ def _place(value: Any) -> tuple[float | None, float | None]:
 def _region(value: Any, year: int) -> int | None:
     """NOAA number of an active region; lists of after June 2002 leave its first digit out."""
     text = str(value or "").strip()
-    if not text.isdigit() or not 0 < int(text) < 100_000:
+    if not text.isdecimal() or not 0 < int(text) < 100_000:
         return None
     number = int(text)
     return number + 10_000 if number < 10_000 and year > 2002 else number

@@ -115,10 +115,8 @@ def _target(url: str, *, private: bool) -> _Target:
     addresses = [ipaddress.ip_address(str(one[4][0]).partition("%")[0]) for one in found]
     for address in addresses:
         if not private and not _is_public(address):
-            raise InputError(
-                f"{host} is {address}, which is not a public address: give another one, or set "
-                "BELLA_PRIVATE_WEBHOOKS=true"
-            )
+            name = host if host == str(address) else f"{host} ({address})"
+            raise InputError(f"{name} is no public address: give another one, or set BELLA_PRIVATE_WEBHOOKS=true")
     first = f"[{addresses[0]}]" if addresses[0].version == 6 else str(addresses[0])
     tail = f"{parts.path or '/'}{'?' + parts.query if parts.query else ''}"
     return _Target(f"{parts.scheme}://{first}:{port}{tail}", host, parts.netloc)

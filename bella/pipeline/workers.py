@@ -15,15 +15,17 @@ from concurrent.futures.process import BrokenProcessPool
 from importlib import import_module
 from multiprocessing.process import parent_process
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Self, TypeVar
+from typing import TYPE_CHECKING, Any, Self, TypeVar, cast
 
-from bella.exceptions import InputError, WorkerLostError
+from bella.exceptions import WorkerLostError
 from bella.logs import log_to
-from bella.settings import Settings
+from bella.settings import Settings, make_folder
 from bella.spacecraft import extend_with
 from bella.threads import ONE_THREAD
 
 if TYPE_CHECKING:
+    from multiprocessing.process import BaseProcess
+
     from bella.pipeline.scheduler import Scheduler
 
 T = TypeVar("T")
@@ -47,10 +49,7 @@ def prepare(settings: Settings) -> None:
         If the home folder cannot be made.
     """
     home, cache = settings.home.resolve(), settings.cache_root.resolve()
-    try:
-        cache.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise InputError(f"home folder {home}: {error.strerror}; name another with --home or BELLA_HOME") from error
+    make_folder(cache)
     for name, value in {
         "PREFECT_HOME": home / "prefect",
         "PREFECT_SERVER_ANALYTICS_ENABLED": "false",
@@ -235,7 +234,5 @@ def _begin(settings: Settings, log: Path | None) -> None:
 
 
 def _end_with_parent() -> None:
-    parent = parent_process()
-    if parent is not None:
-        parent.join()
-        os._exit(ORPHANED)
+    cast("BaseProcess", parent_process()).join()  # a process that was spawned has one
+    os._exit(ORPHANED)

@@ -7,6 +7,7 @@ are ignored.
 """
 
 import hashlib
+import io
 import os
 import re
 import stat
@@ -65,6 +66,12 @@ LARGEST_LIST = 256 << 20
 """Bytes: OMNI 2 of all years has 180 MB."""
 
 FILL_KM_S = 9999.0
+SHORT_FILL_KM_S, LOW_FILL_KM_S, MOST_FILLS = 999.9, -999.0, 3
+"""Fill value of lists with narrow columns, what all below it are, and most different ones that a list has."""
+
+SPACE_AGE = 1960, 2060
+OF_A_YEAR = re.compile(r"omni2?_(\d{4})\.")
+BLANKS = str.maketrans(",;", "  ")
 FASTEST_KM_S = 3000.0
 COLUMNS = ("year", "day_of_year", "hour", "speed_km_s")
 OMNI2_COLUMNS = range(55, 60)
@@ -96,10 +103,11 @@ def hourly_speeds(path: Path) -> pd.Series:
     if path.name.lower().endswith(CDF_ENDINGS):
         return _speeds_of_cdf(path)
     frame = _numbers(path)
-    valid = frame[frame["speed_km_s"] < FILL_KM_S]
-    if valid.empty:
+    speed = frame["speed_km_s"]
+    valid = frame[(speed > LOW_FILL_KM_S) & (speed < FILL_KM_S) & (speed != SHORT_FILL_KM_S)]
+    if valid.empty and speed.nunique() <= MOST_FILLS:
         raise NoDataError(f"{path.name} holds no hour with a speed: choose another interval")
-    if not valid["speed_km_s"].between(1.0, FASTEST_KM_S).all():
+    if valid.empty or not valid["speed_km_s"].between(1.0, FASTEST_KM_S).all():
         raise InputError(f"{path.name} holds speeds that no solar wind has: give km/s, and 9999 for no measurement")
     speeds = pd.Series(valid["speed_km_s"].to_numpy(), index=_utc(valid, path), name=path.stem).sort_index()
     return speeds[~speeds.index.duplicated()]
@@ -143,7 +151,12 @@ def _check_days(path: Path, utc: npt.NDArray[np.datetime64]) -> None:
 
 def _numbers(path: Path) -> pd.DataFrame:
     try:
-        frame = pd.read_csv(path, sep=r"\s+", header=None, comment="#", dtype=np.float64)
+        try:
+            frame = _table(path)
+        except ValueError:  # a heading, or other separators, which a list of many years does not have
+            lines = path.read_text(encoding="utf-8-sig", errors="replace").splitlines()
+            rows = [line.translate(BLANKS) for line in lines if line.strip()[:1].isdecimal()]
+            frame = _table(io.StringIO("\n".join(rows)))
     except (OSError, ValueError) as error:
         reason = " ".join(str(error).split())
         raise InputError(f"{path.name} cannot be read ({reason}): give year, day of year, hour, speed") from error
@@ -154,8 +167,20 @@ def _numbers(path: Path) -> pd.DataFrame:
     return frame.set_axis(list(COLUMNS), axis=1)
 
 
+def _table(source: Path | io.StringIO) -> pd.DataFrame:
+    return pd.read_csv(source, sep=r"\s+", header=None, comment="#", dtype=np.float64)
+
+
 def _utc(frame: pd.DataFrame, path: Path) -> pd.DatetimeIndex:
-    possible = frame["day_of_year"].between(1, 366) & frame["hour"].between(0, 23) & frame["year"].between(1960, 2200)
+    year = frame["year"]
+    days = 365 + ((year % 4 == 0) & ((year % 100 != 0) | (year % 400 == 0)))
+    possible = frame["day_of_year"].between(1, days) & frame["hour"].between(0, 23) & year.between(*SPACE_AGE)
+    stated = OF_A_YEAR.match(path.name.lower())
+    if stated and not (year == int(stated[1])).any():
+        raise InputError(
+            f"{path.name} is named after {stated[1]}, but begins in {year.iloc[0]:.0f}: its name or its content is "
+            "wrong; download it again"
+        )
     if not possible.all():
         raise InputError(
             f"{path.name}, line {int(np.argmin(possible)) + 1}: no such hour; give year, day of year, hour"

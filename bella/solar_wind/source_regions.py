@@ -16,6 +16,7 @@ import astropy.units as u
 import numpy as np
 import pandas as pd
 
+from bella.csv_tables import parse_table, read_table_text
 from bella.exceptions import InputError
 from bella.solar_wind.in_situ import UsedFile, check_readable, files_below, why_left_out
 from bella.spectra.assembly import dates_in
@@ -152,9 +153,9 @@ def _issued(line: str) -> datetime | None:
 
 def _active_region(row: "re.Match[str]", issued: datetime, *, spotless: bool) -> SourceRegion:
     words = [] if spotless else row[6].split()
-    numbers = [word for word in words[2:] if word.isdigit()]  # after Carrington longitude and area: extent, spots
+    numbers = [word for word in words[2:] if word.isdecimal()]  # after Carrington longitude and area: extent, spots
     width = float(numbers[0]) if numbers else 0.0
-    names = [word for word in words if not word.isdigit()]
+    names = [word for word in words if not word.isdecimal()]
     sign = {"N": 1.0, "S": -1.0, "W": 1.0, "E": -1.0}
     return SourceRegion(
         name=str(_region_number(int(row[1]), issued)),
@@ -194,11 +195,7 @@ def read_coronal_holes(path: Path, utc: np.datetime64) -> list[SourceRegion]:
     InputError
         If the file cannot be read, a column is missing, or a row has no possible extent.
     """
-    try:
-        frame = pd.read_csv(path, comment="#", skipinitialspace=True, dtype={"hole_id": str, "polarity": str})
-    except (OSError, ValueError) as error:
-        reason = " ".join(str(error).split())
-        raise InputError(f"{path.name} cannot be read ({reason}): give {', '.join(HOLE_COLUMNS)}") from error
+    frame = parse_table(read_table_text(path), path.name)
     missing = [name for name in HOLE_COLUMNS if name not in frame.columns]
     if missing:
         raise InputError(f"{path.name}: column {missing[0]} is missing; needed are {', '.join(HOLE_COLUMNS)}")

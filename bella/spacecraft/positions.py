@@ -6,6 +6,7 @@ import numpy as np
 import numpy.typing as npt
 import pandas as pd
 
+from bella.csv_tables import parse_table, read_table_text
 from bella.exceptions import InputError
 
 POSITION = ("x_rsun", "y_rsun", "z_rsun")
@@ -31,15 +32,7 @@ def read_positions(path: Path) -> pd.DataFrame:
     InputError
         If the file cannot be read, or names the row (1 is the first under the heading) and column that is wrong.
     """
-    try:
-        frame = pd.read_csv(path, dtype=str, keep_default_na=False, skipinitialspace=True, comment="#")
-    except (OSError, UnicodeDecodeError, pd.errors.ParserError, pd.errors.EmptyDataError) as error:
-        reason = " ".join(str(error).split())
-        raise InputError(
-            f"{path}: cannot be read as a CSV table ({reason}); name its columns in the first line"
-        ) from error
-    if not isinstance(frame.index, pd.RangeIndex):
-        raise InputError(f"{path}: row 1 has more fields than the heading names; give as many of one as of the other")
+    frame = parse_table(read_table_text(path), str(path))
     missing = [name for name in COLUMNS if name not in frame.columns]
     if missing:
         raise InputError(f"{path}: column {missing[0]} is missing; needed are {', '.join(COLUMNS)}")

@@ -29,6 +29,16 @@ from bella.spectra.positions import with_stated_positions
 Spectra = tuple[xr.Dataset, ...]
 
 HDF5, NETCDF3, IDL, GZIP, FITS = b"\x89HDF", b"CDF", b"SR\x00", b"\x1f\x8b", b"SIMPLE  ="
+PACKERS = {
+    GZIP: ("gzip", "gunzip"),
+    b"PK\x03\x04": ("zip", "unzip"),
+    b"BZh": ("bzip2", "bunzip2"),
+    b"\xfd7zXZ": ("xz", "unxz"),
+    b"\x28\xb5\x2f\xfd": ("zstd", "unzstd"),
+}
+"""What a file is packed with, and what unpacks it, by its first bytes."""
+
+NUMPY = (".npy", ".npz")
 CONTAINERS = {"cdf": "a CDF", "idl": "an IDL save set", "binary": "a binary", "text": "a table", "cf": "netCDF"}
 ORIGIN_ATTRIBUTE = "Bella_origin"
 """Attribute of a CDF that was not measured: files that `bella simulate` writes say ``simulated`` in it."""
@@ -325,21 +335,29 @@ def open_spectra(path: str | Path) -> Spectra:
     if not path.is_file():
         raise InputError(f"{path} is no file and no Zarr group: check the name")
     head = _head(path)
+    found = find_product(path.name)
+    is_packed_cdf = head.startswith(GZIP) and found is not None and found[0].container == "cdf"
+    if head.startswith(MAGIC) or is_packed_cdf:
+        return _open_archive_cdf(path)
+    _refuse_others(path, head)
+    if head.startswith((HDF5, NETCDF3)):
+        return open_cf(path, "h5netcdf" if head.startswith(HDF5) else "scipy")
+    return _open_other(path, head)
+
+
+def _refuse_others(path: Path, head: bytes) -> None:
+    """Refuse what holds data, but in no form that is read here, with what to do about it."""
     if head.lstrip().lower().startswith((b"<!doctype", b"<html", b"<?xml")):
         raise InputError(f"{path} is a web page, not data: the server answered with an error; download it again")
-    found = find_product(path.name)
-    is_packed = head.startswith(GZIP)
-    if head.startswith(MAGIC) or (is_packed and found is not None and found[0].container == "cdf"):
-        return _open_archive_cdf(path)
     if head.startswith(FITS):
         raise InputError(
             f"{path} is FITS: read it with radiospectra and bella.spectra.from_radiospectra (docs/spectra.md)"
         )
-    if is_packed:
-        raise InputError(f"{path} is packed with gzip: unpack it with gunzip")
-    if head.startswith((HDF5, NETCDF3)):
-        return open_cf(path, "h5netcdf" if head.startswith(HDF5) else "scipy")
-    return _open_other(path, head)
+    if path.suffix.lower() in NUMPY:
+        raise InputError(f"{path} holds arrays of NumPy: write them to netCDF in the form of docs/spectra.md")
+    for begins, (name, unpack) in PACKERS.items():
+        if head.startswith(begins):
+            raise InputError(f"{path} is packed with {name}: unpack it with {unpack}")
 
 
 def _head(path: Path) -> bytes:

@@ -196,17 +196,6 @@ def test_the_feed_holds_the_newest_first_and_is_sent_once(told: Settings) -> Non
     assert client.get("/feed.atom", headers={"If-None-Match": reply.headers["etag"]}).status_code == 200
 
 
-def test_a_page_of_another_site_may_go_on_after_an_event(empty: Settings) -> None:
-    asked = {
-        "Origin": "https://example.org",
-        "Access-Control-Request-Method": "GET",
-        "Access-Control-Request-Headers": "last-event-id",
-    }
-    reply = client_of(empty).options(STREAM, headers=asked)
-    assert reply.status_code == 200
-    assert "last-event-id" in reply.headers["access-control-allow-headers"].lower()
-
-
 def test_pages_name_the_feed(told: Settings) -> None:
     page = client_of(told).get("/", headers={"Accept": "text/html"}).text
     assert '<link rel="alternate" type="application/atom+xml" title="Alerts" href="/feed.atom">' in page

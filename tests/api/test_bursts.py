@@ -209,12 +209,3 @@ def test_replies_are_compressed_for_those_who_ask(client: TestClient) -> None:
     reply: httpx.Response = client.get(f"{BURST}/figures/constellation.svg", headers={"Accept-Encoding": "gzip"})
     assert reply.headers["content-encoding"] == "gzip"
     assert int(reply.headers["content-length"]) < len(reply.content) / 2
-
-
-def test_anyone_may_read_from_another_page(client: TestClient) -> None:
-    reply = client.get("/api/v1/bursts", headers={"Origin": "https://example.org"})
-    assert reply.headers["access-control-allow-origin"] == "*"
-    preflight = client.options(
-        "/api/v1/arrivals", headers={"Origin": "https://example.org", "Access-Control-Request-Method": "POST"}
-    )
-    assert preflight.status_code == 400

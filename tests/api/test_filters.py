@@ -164,7 +164,7 @@ def rows_of(reply: httpx.Response) -> list[Any]:
 def test_too_many_bursts_for_one_reply_are_refused(reader: TestClient, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("api.tables.MOST_BURSTS", 3)
     refused = reader.get("/api/v1/tracks?limit=all&format=cdf").json()["detail"]
-    assert "more than 3 bursts" in refused
+    assert "holds up to 3 bursts" in refused
     assert "json, csv, ecsv, votable, netcdf, parquet" in refused
     assert reader.get("/api/v1/tracks?limit=all&grade=A&format=cdf").status_code == 200
     assert reader.get("/api/v1/tracks?limit=all&format=ecsv").status_code == 200, "streamed, in any number"

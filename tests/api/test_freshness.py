@@ -56,9 +56,15 @@ def test_formats_have_tags_of_their_own(client: TestClient) -> None:
     assert len(tags) == 3
 
 
-@pytest.mark.parametrize("path", ["bursts", "tracks", f"bursts/{BURST_ID}/track", DETECTIONS])
+@pytest.mark.parametrize(
+    "path", ["", "/bursts", "/bursts?limit=all&format=csv", "/tracks", f"/bursts/{BURST_ID}/track", f"/{DETECTIONS}"]
+)
 def test_a_cache_is_told_that_the_format_depends_on_what_is_accepted(client: TestClient, path: str) -> None:
-    assert "Accept" in client.get(f"/api/v1/{path}").headers["vary"].split(", ")
+    whole = client.get(f"/api/v1{path}")
+    known = client.get(f"/api/v1{path}", headers={"If-None-Match": whole.headers["etag"]})
+    for reply, status in ((whole, 200), (known, 304)):
+        assert reply.status_code == status
+        assert "Accept" in reply.headers["vary"].split(", ")
 
 
 def test_a_list_that_has_changed_is_sent_again(empty: Settings) -> None:

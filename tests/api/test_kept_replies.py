@@ -1,7 +1,9 @@
 """Replies that are kept: the same bytes as if they were made again, never older than the catalogue."""
 
-from collections.abc import Iterator
-from typing import Any
+from collections.abc import Callable, Iterator
+from concurrent.futures import ThreadPoolExecutor
+from threading import Barrier
+from typing import Any, TypeVar
 
 import pytest
 from fastapi.testclient import TestClient
@@ -9,12 +11,14 @@ from sqlalchemy import Engine, event
 
 import api.middleware
 from api.app import create_app
+from api.service import Service
 from bella.catalogue import Catalogue
 from bella.settings import Settings
 from tests.api.published import published, settings_of, synthetic_burst
 from tests.fixtures_postgres import postgres_database
 from tests.plotting.synthetic import BURST_ID
 
+T = TypeVar("T")
 LIST, BURST = "/api/v1/bursts", f"/api/v1/bursts/{BURST_ID}"
 
 
@@ -162,3 +166,27 @@ def test_a_catalogue_that_is_away_is_still_said(empty: Settings) -> None:
         reply = reader.get(LIST)
     assert reply.status_code >= 500
     assert "there is no catalogue" in reply.json()["detail"]
+
+
+def at_once(ask: Callable[[], T]) -> list[T]:
+    """What eight threads are answered that ask at the same moment."""
+    begin = Barrier(8)
+
+    def one(_: int) -> T:
+        begin.wait()
+        return ask()
+
+    with ThreadPoolExecutor(8) as threads:
+        return list(threads.map(one, range(8)))
+
+
+def test_who_asks_at_the_same_moment_shares_what_is_opened_and_looked_up(
+    filled: Settings, statements: list[str]
+) -> None:
+    service = Service(filled)
+    opened = at_once(service.catalogue)
+    assert len({id(one) for one in opened}) == 1
+    statements.clear()
+    assert len(set(at_once(lambda: service.newest_alert(60.0)))) == 1
+    assert sum(one.startswith("SELECT") for one in statements) == 1
+    opened[0].close()

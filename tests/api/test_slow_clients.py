@@ -40,7 +40,7 @@ def up(empty: Settings, monkeypatch: pytest.MonkeyPatch) -> Iterator[Up]:
     port = free_port()
     options = serve.options() | {"timeout_keep_alive": 60}
     server = uvicorn.Server(uvicorn.Config(create_app(empty), host="127.0.0.1", port=port, **options))
-    thread = threading.Thread(target=server.run)
+    thread = threading.Thread(target=server.run, daemon=True)
     thread.start()
     until(lambda: server.started, "server started")
     yield Up(port)
@@ -140,7 +140,7 @@ def test_replies_do_not_wait_for_acknowledgements_on_a_shared_socket(empty: Sett
     """As with several processes: asyncio itself sets this for sockets alone that it made."""
     config = uvicorn.Config(create_app(empty), host="127.0.0.1", port=free_port(), **serve.options())
     shared, server = config.bind_socket(), uvicorn.Server(config)
-    thread = threading.Thread(target=server.run, kwargs={"sockets": [shared]})
+    thread = threading.Thread(target=server.run, kwargs={"sockets": [shared]}, daemon=True)
     thread.start()
     until(lambda: server.started, "server started")
     with closing(socket.create_connection(("127.0.0.1", config.port), timeout=PATIENCE_S)):

@@ -131,6 +131,7 @@ def test_metrics_are_what_prometheus_reads(operation: Operation, settings: Setti
     with TestClient(create_app(settings)) as client:
         reply = client.get("/metrics")
     assert reply.headers["content-type"].startswith("text/plain; version=")
+    assert reply.headers["cache-control"] == "no-store"
     samples = {
         (one.name, *one.labels.values()): one.value
         for family in text_string_to_metric_families(reply.text)

@@ -1,7 +1,10 @@
 """A client of a service: all pages, units, the draws, and one line where something is wrong."""
 
+import re
 import socket
 from pathlib import Path
+from socketserver import BaseRequestHandler, ThreadingTCPServer
+from threading import Thread
 
 import numpy as np
 import pytest
@@ -86,6 +89,32 @@ def test_a_service_that_is_away_is_one_line(tmp_path: Path) -> None:
     assert str(caught.value).startswith(f"{address} does not answer")
     assert "\n" not in str(caught.value)
     assert caught.value.__suppress_context__
+
+
+@pytest.mark.parametrize(
+    ("reply", "error"),
+    [
+        (b"Content-Length: 13\r\n\r\n<html></html>", InputError),
+        (b"Content-Length: 2\r\n\r\n[]", InputError),
+        (b"Content-Length: 3\r\n\r\n\xff\xfe\x00", InputError),
+        (b"Content-Length: 500\r\n\r\ncut short", UnreachableError),
+        (b"Transfer-Encoding: chunked\r\n\r\nzz\r\n", UnreachableError),
+    ],
+)
+def test_another_server_or_a_reply_cut_short_is_one_line(reply: bytes, error: type[Exception]) -> None:
+    class Another(BaseRequestHandler):
+        def handle(self) -> None:
+            self.request.recv(65536)
+            self.request.sendall(b"HTTP/1.1 200 OK\r\n" + reply)
+
+    with ThreadingTCPServer(("127.0.0.1", 0), Another) as server:
+        Thread(target=server.serve_forever, daemon=True).start()
+        service = Client(f"http://127.0.0.1:{server.server_address[1]}")
+        for question in (service.bursts, lambda: service.burst("T3-1")):
+            with pytest.raises(error, match=re.escape(service.url)) as caught:
+                question()
+            assert "\n" not in str(caught.value)
+        server.shutdown()
 
 
 def test_what_the_service_refuses_is_said_in_its_words(address: str) -> None:

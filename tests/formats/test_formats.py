@@ -39,8 +39,8 @@ def values_of(column: Column, schema: Schema) -> st.SearchStrategy[Any]:
 
 
 @st.composite
-def tables(draw: st.DrawFn) -> RecordTable:
-    schema = draw(st.sampled_from(list(SCHEMAS.values())))
+def tables(draw: st.DrawFn, schemas: tuple[Schema, ...] = tuple(SCHEMAS.values())) -> RecordTable:
+    schema = draw(st.sampled_from(schemas))
     row = st.fixed_dictionaries({one.name: values_of(one, schema) for one in schema.columns})
     return record_table(schema, draw(st.lists(row, min_size=1, max_size=4)), {"frame": "HEE", "remark": "apparent"})
 

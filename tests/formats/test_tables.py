@@ -13,7 +13,9 @@ import xarray as xr
 from bella.arrivals import check_arrivals
 from bella.bursts import published_arrivals
 from bella.formats import COLUMNS, localisation_csv, localisation_records
+from bella.formats.tables import track_numbers
 from bella.multilateration import localise
+from bella.records import JointTrack, Moment, Parameter
 
 PLANE = [
     "frequency_mhz",
@@ -132,3 +134,21 @@ def test_records_without_their_times_are_json(records) -> None:
 def test_an_empty_table_has_its_heading() -> None:
     lines = localisation_csv([], {"method": "posterior", "preset": "default"}).splitlines()
     assert lines == ["# method: posterior", "# preset: default", ",".join(PLANE)]
+
+
+def test_a_track_has_its_medians_and_the_ends_of_their_68_percent_intervals() -> None:
+    numbers = dict(zip(("q2_5", "q16", "q50", "q84", "q97_5", "mean", "sd"), range(1, 8), strict=True))
+    speed = Parameter(**{name: 100.0 + one for name, one in numbers.items()}, contraction=0.5)
+    track = JointTrack(
+        model="a spiral",
+        rotation_period_d=25.38,
+        epoch_utc="2012-06-07T19:29:00.000Z",
+        phi0_deg=Parameter(),
+        v_sw_km_s=speed,
+        beam_speed_c=Parameter(),
+        release_utc=Moment(q16="2012-06-07T19:19:00.000Z", q50="2012-06-07T19:20:00.000Z", sd=30.0),
+    )
+    row = track_numbers(track)
+    assert [row[f"v_sw{end}"] for end in ("_km_s", "_low_km_s", "_high_km_s", "_contraction")] == [103, 102, 104, 0.5]
+    assert (row["release_utc"], row["release_sd_s"]) == ("2012-06-07T19:20:00.000Z", 30.0)
+    assert row["phi0_deg"] is None

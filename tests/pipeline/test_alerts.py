@@ -306,7 +306,7 @@ def test_public_addresses_are_public(address: str) -> None:
         ("https://8.8.8.8:99999/", "is not an address"),
         ("https://8.8.8.8/\n", "is not an address"),
         ("https://8.8.8.8/" + "x" * 2000, "is not an address"),
-        ("https://127.0.0.1/", "not a public address"),
+        ("https://127.0.0.1/", "no public address"),
     ],
 )
 def test_what_is_no_address_says_so(url: str, words: str) -> None:

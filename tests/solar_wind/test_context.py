@@ -194,7 +194,8 @@ def test_what_is_no_summary_is_refused_in_one_line(tmp_path: Path, text: str) ->
 @pytest.mark.parametrize(
     ("text", "reason"),
     [
-        ("", "cannot be read"),
+        ("", "is not a CSV table"),
+        ("hole_id;lon_min_deg\n1;2\n", "column lon_max_deg is missing"),
         ("hole_id,lon_min_deg\n1,2\n", "column lon_max_deg is missing"),
         (HOLES.replace("CH1,15", "CH1,x"), "row 1 has no possible extent"),
         (HOLES.replace("-20,0", "0,-20"), "row 2 has no possible extent"),
@@ -222,6 +223,12 @@ def test_no_connection_without_a_speed(speed: float) -> None:
 
 def test_no_region_is_an_empty_table() -> None:
     assert regions_near(drawn(30.0, 10.0), []).empty
+
+
+def test_a_digit_that_is_no_number_is_passed_over(tmp_path: Path) -> None:
+    path = tmp_path / "20120608SRS.txt"
+    path.write_bytes(SUMMARY.replace("Hsx  02", "Hsx  0²").encode("latin-1"))
+    assert [one.width_deg for one in read_active_regions(path)][:2] == [2.0, 7.0]
 
 
 def test_real_summaries_of_twenty_years_are_read(reference_files: Path) -> None:

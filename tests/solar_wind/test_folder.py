@@ -115,6 +115,39 @@ def test_yearly_file_of_omni_is_read_as_it_is_published(tmp_path: Path) -> None:
     assert (speeds.index[0], speeds.iloc[0]) == (np.datetime64("2012-06-07T19"), 649.0)
 
 
+HOURS = [(2012, 366, hour, 400.5 + hour) for hour in range(12)]
+WAYS = {
+    "commas": "\n".join("{},{},{},{}".format(*one) for one in HOURS),
+    "heading": "YEAR DOY HR  1\n" + "\n".join("{} {} {} {}".format(*one) for one in HOURS),
+    "page": "<pre>YEAR;DOY;HR;V\n" + "\n".join("{};{};{};{}".format(*one) for one in HOURS) + "\n</pre>",
+    "mark": "\ufeff" + "\n".join("{} {} {} {}".format(*one) for one in HOURS),
+    "fill": "\n".join("{} {} {} {}".format(*one) for one in [*HOURS, (2012, 365, 1, 999.9), (2012, 365, 2, -1e31)]),
+}
+
+
+@pytest.mark.parametrize("text", WAYS.values(), ids=WAYS.keys())
+def test_lists_are_read_as_people_save_them(tmp_path: Path, text: str) -> None:
+    (tmp_path / "wind.lst").write_text(text, encoding="utf-8")
+    speeds = hourly_speeds(tmp_path / "wind.lst")
+    assert speeds.to_list() == [one[3] for one in HOURS]
+    assert speeds.index[0] == np.datetime64("2012-12-31")
+
+
+@pytest.mark.parametrize(
+    ("name", "row", "reason"),
+    [
+        ("wind.lst", "2013 366 {} 40{}", "line 1: no such hour"),
+        ("wind.lst", "2112 100 {} 40{}", "line 1: no such hour"),
+        ("wind.lst", "2012 100 {} 40{}000", "no solar wind has: give km/s"),
+        ("omni2_2012.dat", "2013 100 {} 40{}", "is named after 2012, but begins in 2013"),
+    ],
+)
+def test_lists_that_cannot_be_meant_are_refused(tmp_path: Path, name: str, row: str, reason: str) -> None:
+    (tmp_path / name).write_text("\n".join(row.format(hour, hour) for hour in range(9)))
+    with pytest.raises(InputError, match=f"{name}.*{reason}"):
+        hourly_speeds(tmp_path / name)
+
+
 def test_nearest_files_of_regions_are_taken(tmp_path: Path) -> None:
     (tmp_path / "2012_SRS").mkdir()
     (tmp_path / "2012_SRS" / "20120608SRS.txt").write_text(SUMMARY)
