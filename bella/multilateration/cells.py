@@ -36,7 +36,7 @@ BOX_NATS = 18.0
 """The first box reaches to where the prior of the position has fallen by so much."""
 FIRST_CELLS = 6
 """Cells per axis at the start."""
-DROP_NATS = 13.0
+DROP_NATS = 13.5
 """A cell is dropped when its bound is this far below the best density."""
 BELOW_NATS, BELOW_NATS_OF_MIXTURE = 15.5, 17.0
 """A final cell is dropped when its density is this far below; noise with bad arrival times has longer tails. Standard
