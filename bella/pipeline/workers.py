@@ -143,7 +143,8 @@ class Workers:
     def start(self) -> None:
         """Let the processes begin to load what they need, so that the first who asks does not wait for that."""
         if self.number > 1 and not self._given[0].dask:
-            self._processes().submit(os.getpid)
+            for _ in range(self.number):
+                self._processes().submit(import_module, "bella.pipeline.run")
 
     def call(self, function: Callable[..., T], *arguments: Any, urgency: float = 0.0) -> T:
         """Result of a function of a module, computed by a worker.
@@ -230,7 +231,6 @@ def _begin(settings: Settings, log: Path | None) -> None:
     threading.Thread(target=_end_with_parent, name="parent watch", daemon=True).start()
     prepare(settings)
     log_to(log)
-    import_module("bella.pipeline.run")
 
 
 def _end_with_parent() -> None:
