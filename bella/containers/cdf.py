@@ -10,7 +10,7 @@ import cdflib
 import numpy as np
 import numpy.typing as npt
 
-from bella.containers.bounded import READER, cpu_limit_s, reading
+from bella.containers.bounded import ANOTHER, READER, cpu_limit_s, reading
 from bella.exceptions import InputError
 
 TimeArray = npt.NDArray[np.datetime64]
@@ -141,7 +141,7 @@ class CdfFile:
         """
         stored = self._values(variable, dimensions)
         if not np.issubdtype(stored.dtype, np.number) or np.iscomplexobj(stored):
-            raise InputError(f"{self.name}: variable {variable!r} holds no numbers")
+            raise InputError(f"{self.name}: variable {variable!r} holds no numbers; {ANOTHER}")
         fill = self._ask("attribute", "FILLVAL", self.stored_name(variable))
         values = stored if stored.dtype == np.float32 else stored.astype(np.float64)
         rows, origin = np.atleast_1d(values), np.atleast_1d(stored)
@@ -185,7 +185,9 @@ class CdfFile:
         """
         kind = self._description(variable)["kind"]
         if kind not in EPOCHS:
-            raise InputError(f"{self.name}: variable {variable!r} is not CDF_EPOCH, CDF_EPOCH16 or CDF_TIME_TT2000")
+            raise InputError(
+                f"{self.name}: variable {variable!r} is not CDF_EPOCH, CDF_EPOCH16 or CDF_TIME_TT2000; {ANOTHER}"
+            )
         stored = self._values(variable, dimensions)
         stored = _undoubled(stored) if kind == CDF_EPOCH16 else stored
         fill = self._ask("attribute", "FILLVAL", self.stored_name(variable))
@@ -235,7 +237,9 @@ class CdfFile:
             raise InputError(f"{self.name}: variable {variable!r} holds logarithms: take another version of the file")
         if highest_mhz is None:
             if stated not in MHZ:
-                raise InputError(f"{self.name}: variable {variable!r} is in {stated!r}, not in Hz, kHz or MHz")
+                raise InputError(
+                    f"{self.name}: variable {variable!r} is in {stated!r}, not in Hz, kHz or MHz; {ANOTHER}"
+                )
             return values.astype(np.float64) * MHZ[stated]
         return in_mhz(values, stated, highest_mhz, f"{self.name}: variable {variable!r}")
 
@@ -245,7 +249,9 @@ class CdfFile:
     def _description(self, variable: str) -> dict[str, Any]:
         stored = self.stored_name(variable)
         if not stored:
-            raise InputError(f"{self.name} has no variable {variable!r}: it is not the product it is named after")
+            raise InputError(
+                f"{self.name} has no variable {variable!r}: it is not the product it is named after; {ANOTHER}"
+            )
         if self._described[stored]["fault"]:
             raise InputError(
                 f"{self.name}: variable {variable!r} cannot be read ({self._described[stored]['fault']}): download it "
@@ -262,7 +268,9 @@ class CdfFile:
             single = [axis for axis in range(values.ndim - 1, -1, -1) if values.shape[axis] == 1][:surplus]
             values = values.squeeze(tuple(single))
         if dimensions is not None and values.ndim != dimensions:
-            raise InputError(f"{self.name}: variable {variable!r} has {values.ndim} dimensions, not {dimensions}")
+            raise InputError(
+                f"{self.name}: variable {variable!r} has {values.ndim} dimensions, not {dimensions}; {ANOTHER}"
+            )
         return values
 
     def _whole(self, variable: str, values: npt.NDArray[Any]) -> npt.NDArray[Any]:

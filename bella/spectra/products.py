@@ -18,7 +18,7 @@ import numpy as np
 import xarray as xr
 from pydantic import Field
 
-from bella.containers import MAGIC, CdfFile, open_cdf
+from bella.containers import ANOTHER, MAGIC, CdfFile, open_cdf
 from bella.exceptions import InputError
 from bella.records import Origin, Record
 from bella.spectra import psp, solo, stereo, wind
@@ -376,9 +376,12 @@ def _open_archive_cdf(path: Path) -> Spectra:
         product, receiver = _product_of(cdf)
         absent = [name for name in product.signature if not cdf.stored_name(name)]
         if absent:
-            raise InputError(f"{path} has no variable {absent[0]!r}: it is not {product.name} as its name says")
+            raise InputError(
+                f"{path} has no variable {absent[0]!r}: it is not {product.name} as its name says; correct its name or "
+                f"{ANOTHER}"
+            )
         if product.read is None:
-            raise InputError(f"{path} is CDF, but {product.name} is not")
+            raise InputError(f"{path} is CDF, but {product.name} is not; correct its name")
         spectra = product.read(cdf, receiver)
         if len({str(one.attrs["observatory"]) for one in spectra}) == 1:
             spectra = tuple(with_stated_positions(cdf, one) for one in spectra)
@@ -442,7 +445,10 @@ def _open_other(path: Path, head: bytes) -> Spectra:
         raise InputError(f"{path} is of no known product: see 'bella formats' for names and forms that can be read")
     product, receiver = found
     if product.container == "cdf" or (product.container == "idl") != head.startswith(IDL):
-        raise InputError(f"{path} is named after {product.name}, but is not {CONTAINERS[product.container]}")
+        raise InputError(
+            f"{path} is named after {product.name}, but is not {CONTAINERS[product.container]}; correct its name, or "
+            "download it again"
+        )
     spectra: Spectra = found[0].read(path, receiver)
     return tuple(_held_against(one, (path.name,), path.name, Origin.ARCHIVE) for one in spectra)
 

@@ -120,3 +120,11 @@ def test_processes_have_one_thread_whoever_starts_them(tmp_path: Path, monkeypat
     monkeypatch.delenv("OMP_NUM_THREADS", raising=False)
     with Workers(2, Settings(home=tmp_path)) as workers:
         assert workers.call(os.getenv, "OMP_NUM_THREADS") == "1"
+
+
+def test_processes_begin_to_load_before_they_are_asked_for_anything(tmp_path: Path) -> None:
+    for number in (1, 2):
+        with Workers(number, Settings(home=tmp_path)) as workers:
+            workers.start()
+            assert len(multiprocessing.active_children()) == number - 1
+            assert workers.call(square, 3) == 9
