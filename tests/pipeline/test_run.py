@@ -78,10 +78,9 @@ def process(settings: Settings, archive: Path | None, workers: int = 1) -> DayOu
 
 @dataclass
 class Refined:
-    """A home after a run with two spacecraft and one with all, a copy of it in between, and what the runs said."""
+    """A home after a run with two spacecraft and one with all, and what they said."""
 
     settings: Settings
-    before: Settings
     early: DayOutcome
     again: DayOutcome
     late: DayOutcome
@@ -101,10 +100,8 @@ def refined(archive: Path, tmp_path_factory: pytest.TempPathFactory) -> Refined:
     first = height(figure)
     figure.unlink()
     again = process(settings, None)
-    before = settings.model_copy(update={"home": tmp_path_factory.mktemp("before") / "home"})
-    shutil.copytree(settings.home, before.home)
     late = process(settings, archive)
-    return Refined(settings, before, early, again, late, (first, height(figure)))
+    return Refined(settings, early, again, late, (first, height(figure)))
 
 
 def names(outcomes: tuple[object, ...]) -> set[str]:
@@ -234,7 +231,7 @@ def test_files_of_the_next_day_make_no_new_version_of_bursts_that_do_not_reach_i
 
 @dataclass
 class Overtaken:
-    """A home in which runs of the day ended early, since newer files had come: what it says of the day after each."""
+    """A home in which runs of the day ended early, since newer files had come, and its state and tracks after each."""
 
     settings: Settings
     states: list[str]
@@ -248,10 +245,10 @@ def after(calls: int, asked: Iterator[int], _: DayFiles) -> bool:
 
 
 @pytest.fixture(scope="module")
-def overtaken(refined: Refined, archive: Path) -> Overtaken:
-    """The third spacecraft comes: overtaken at once, and after the first step of every burst."""
-    settings = refined.before
-    shutil.copytree(archive / "pub", settings.mirror_root / "pub", dirs_exist_ok=True)
+def overtaken(archive: Path, tmp_path_factory: pytest.TempPathFactory) -> Overtaken:
+    """Overtaken at once, and after the first step of every burst."""
+    settings = Settings(home=tmp_path_factory.mktemp("overtaken"), in_situ=None, regions=None, draws=500)
+    shutil.copytree(archive / "pub", settings.mirror_root / "pub")
     files, done = Mirror(settings).day(DAY), Overtaken(settings, [], [], [])
     for calls in (0, 1):
         run = Run(settings, "test", Workers(1, settings), is_overtaken=partial(after, calls, iter(range(9))))
@@ -263,13 +260,12 @@ def overtaken(refined: Refined, archive: Path) -> Overtaken:
     return done
 
 
-def test_a_day_that_is_overtaken_ends_after_its_step_and_is_not_recorded(
-    refined: Refined, overtaken: Overtaken
-) -> None:
+def test_a_day_that_is_overtaken_ends_after_its_step_and_is_not_recorded(overtaken: Overtaken) -> None:
     assert overtaken.states == [OVERTAKEN] * 2
-    assert [day.observatories for day in overtaken.searched] == [refined.early.observatories] * 2
-    pending = [[track["companions_pending"] for track in tracks] for tracks in overtaken.tracks]
-    assert [sorted(each) for each in pending] == [[False, False], [False, False, True]], "a final track and its rest"
+    assert overtaken.searched == [None] * 2
+    assert [len(tracks) for tracks in overtaken.tracks] == [0, len(BURSTS)]
+    pending = [track["companions_pending"] for track in overtaken.tracks[1]]
+    assert sorted(pending) == [False, True], "a preliminary track stands alone"
 
 
 def test_pages_of_a_preliminary_and_a_final_burst_are_served(refined: Refined) -> None:
@@ -296,20 +292,25 @@ def contents(settings: Settings) -> dict[str, Any]:
     return found
 
 
-def test_results_are_the_same_from_two_processes_that_finish_what_was_overtaken(
-    refined: Refined, overtaken: Overtaken
-) -> None:
-    assert process(overtaken.settings, None, workers=2).state == "searched"
-    expected = contents(refined.settings)
-    assert contents(overtaken.settings) == expected
+@pytest.fixture(scope="module")
+def expected(overtaken: Overtaken) -> dict[str, Any]:
+    """Results of one process without Prefect, which finished the day after two runs that were overtaken."""
+    assert process(overtaken.settings, None).state == "searched"
+    return contents(overtaken.settings)
+
+
+def test_results_are_the_same_from_two_processes(archive: Path, expected: dict[str, Any], tmp_path: Path) -> None:
+    settings = Settings(home=tmp_path, in_situ=None, regions=None, draws=500)
+    process(settings, archive, workers=2)
+    assert contents(settings) == expected
     solutions = [one for key, one in expected.items() if key not in {"day", "detections"}]
     assert {answer.tier for _, _, answer, *_ in solutions} == {"final", "preliminary"}
 
 
 @pytest.mark.acceptance  # seven processes, one of them with Prefect
-def test_results_are_the_same_with_prefect_after_a_run_that_was_killed(archive: Path, tmp_path: Path) -> None:
-    alone = Settings(home=tmp_path / "alone", in_situ=None, regions=None, draws=500)
-    process(alone, archive)
+def test_results_are_the_same_with_prefect_after_a_run_that_was_killed(
+    archive: Path, expected: dict[str, Any], tmp_path: Path
+) -> None:
     sandbox = Sandbox.within(tmp_path)
     command = [BELLA, "run", "--from", f"{DAY}", "--archive", str(archive), "--workers", "2"]
     environment = sandbox.environment | {"BELLA_DRAWS": "500"}
@@ -326,7 +327,7 @@ def test_results_are_the_same_with_prefect_after_a_run_that_was_killed(archive: 
 
     (day,) = json.loads(done.stdout)
     assert (day["state"], day["answer"]) == ("searched", "localised")
-    assert contents(home) == contents(alone)
+    assert contents(home) == expected
     with closing(Catalogue.open(home.catalogue_url)) as catalogue:
         assert all((home.store_root / path).is_file() for path in catalogue.referenced_paths())
     assert sandbox.files_elsewhere() == []
