@@ -3,6 +3,7 @@
 import sqlite3
 import subprocess
 import sys
+from contextlib import closing
 from pathlib import Path
 
 import pytest
@@ -119,8 +120,9 @@ def test_damage_inside_is_found_by_the_next_process(
 ) -> None:
     with Catalogue.open(sqlite_url, create=True) as catalogue:
         catalogue.publish(publication())
-    pages = (tmp_path / "catalogue.sqlite").stat().st_size // 4096
-    damage(tmp_path / "catalogue.sqlite", slice(4096 * (pages - 1), 4096 * pages))
+    with closing(sqlite3.connect(tmp_path / "catalogue.sqlite")) as known:
+        (page,) = known.execute("SELECT rootpage FROM sqlite_master WHERE name = 'localisation'").fetchone()
+    damage(tmp_path / "catalogue.sqlite", slice(4096 * (page - 1), 4096 * page))
     Catalogue.open(sqlite_url).close()  # this process has checked the file already
     monkeypatch.setattr("bella.catalogue.schema._SOUND_FILES", set())
     with pytest.raises(StoreError, match="is damaged"):

@@ -126,5 +126,5 @@ def test_processes_begin_to_load_before_they_are_asked_for_anything(tmp_path: Pa
     for number in (1, 2):
         with Workers(number, Settings(home=tmp_path)) as workers:
             workers.start()
-            assert len(multiprocessing.active_children()) == number - 1
+            assert bool(multiprocessing.active_children()) == (number > 1)
             assert workers.call(square, 3) == 9
