@@ -350,6 +350,8 @@ def time_edges(
 
     if edge not in EDGES:
         raise InputError(f"edge {edge!r} is not known; choose one of {', '.join(EDGES)}")
+    if frequencies < 1:
+        raise InputError(f"{frequencies} frequencies are too few; ask for 1 or more")
     moment = _moment(around)
     nearest = min(_pieces(spectra), key=lambda piece: piece.apart_s(moment))
     timed, _ = time_spectra(nearest.spectra.values(), moment, edge)

@@ -2,6 +2,7 @@
 
 import codecs
 import io
+import re
 from pathlib import Path
 
 import pandas as pd
@@ -11,11 +12,9 @@ from bella.exceptions import InputError
 SEPARATORS = (",", ";", "\t")
 """Between columns; spreadsheets write semicolons where numbers have a decimal comma."""
 
-OTHER_NUMBERS = {
-    r"^\s*([+-]?\d*),(\d+)((?:[eE][+-]?\d+)?)\s*$": r"\1.\2\3",
-    r"^\s*([+-]?\d*\.?\d+\.?)[dD]([+-]?\d+)\s*$": r"\1e\2",
-}
-"""Numbers with a decimal comma, which a comma between columns does not leave whole, and with an exponent of Fortran."""
+DECIMAL_COMMA = r"^\s*([+-]?\d*),(\d+)((?:[eE][+-]?\d+)?)\s*$", r"\1.\2\3"
+FORTRAN = r"^\s*([+-]?\d*\.?\d+\.?)[dD]([+-]?\d+)\s*$", r"\1e\2"
+"""Other ways to write a number, and what they become; the first only where no comma stands between columns."""
 
 
 def read_table_text(path: Path) -> str:
@@ -75,7 +74,8 @@ def parse_table(text: str, source: str) -> pd.DataFrame:
         raise InputError(f"{source}: its first line names one column, {frame.columns[0]!r}; put commas between columns")
     plain = [name.strip().lower() for name in frame.columns]
     frame.columns = plain if len(set(plain)) == len(plain) else frame.columns.str.strip()
-    frame = frame.replace(OTHER_NUMBERS, regex=True)
+    others = [DECIMAL_COMMA] * (separator != ",") + [FORTRAN] * bool(re.search(r"\d\.?[dD][+-]?\d", text))
+    frame = frame.replace(dict(others), regex=True) if others else frame
     stated = (line[1:].partition(":") for line in lines if line.startswith("#") and ":" in line)
     frame.attrs = {name.strip(): value.strip() for name, _, value in stated}
     return frame

@@ -50,6 +50,7 @@ from bella.catalogue.models import (
     UtcTime,
     table_of,
 )
+from bella.catalogue.solutions import COPIED_OF_ANSWER
 from bella.pipeline.page_figures import first_look_path
 from bella.pipeline.rows import all_bursts
 from bella.settings import Settings
@@ -180,9 +181,10 @@ def _copy_bursts(connection: Connection) -> None:
         "range_high_rsun": cast(60 + number % 100, Double),
         "area68_rsun2": cast(20 + number % 500, Double),
     }
+    copied = {f"answer_{name}": one for name, one in answers.items() if f"answer_{name}" in COPIED_OF_ANSWER}
     sequence = select(func.max(table_of(AlertRow).c.sequence)).scalar_subquery()
     for model, own in (
-        (BurstRow, {"origin": literal("archive")}),
+        (BurstRow, {"origin": literal("archive"), **copied}),
         (BurstObservatoryRow, {}),
         (SolutionRow, answers | rest),
         (SolutionFlagRow, {}),

@@ -268,15 +268,23 @@ def full_disk(home: Path) -> Iterator[bool]:
         ballast.unlink(missing_ok=True)
 
 
-def kill_something(home: Home, days: Sequence[date], rng: random.Random) -> None:
-    """Start a run, and kill it or a service under it at a random instant; a service comes back within seconds."""
+def kill_something(home: Home, days: Sequence[date], rng: random.Random) -> bool:
+    """Start a run, and kill it or a service under it at a random instant; a service comes back within seconds.
+
+    Returns
+    -------
+    bool
+        False where the run was done before: nothing is left to be disturbed.
+    """
     begin, process = time.monotonic(), home.start(days)
     with suppress(subprocess.TimeoutExpired):
         process.wait(rng.uniform(0.0, 1.2 * statistics.mean(home.runs_s or [FIRST_GUESS_S])))
+    if process.poll() is not None:
+        log.info("ended before it was killed", status=process.returncode, took_s=round(time.monotonic() - begin, 1))
+        return process.returncode != 0
     victim = rng.choice(["run", *SERVICES]) if home.services else "run"
-    after_s, is_hit = time.monotonic() - begin, process.poll() is None
-    if is_hit:
-        home.met(f"{victim} killed")
+    after_s = time.monotonic() - begin
+    home.met(f"{victim} killed")
     if home.services is not None and victim in SERVICES:
         home.services.kill(victim)
         time.sleep(rng.uniform(0.0, 5.0))
@@ -286,19 +294,29 @@ def kill_something(home: Home, days: Sequence[date], rng: random.Random) -> None
     with suppress(ProcessLookupError):
         os.killpg(process.pid, signal.SIGKILL)
     process.wait()
-    took_s = time.monotonic() - begin
-    log.info("killed", victim=victim, is_hit=is_hit, after_s=round(after_s, 1), took_s=round(took_s, 1))
+    log.info("killed", victim=victim, after_s=round(after_s, 1), took_s=round(time.monotonic() - begin, 1))
+    return True
 
 
-def disturb(home: Home, days: Sequence[date], kills: int, plan: Plan, rng: random.Random) -> None:
-    """Let runs on some days meet faults; what they leave behind is the next run's affair."""
-    for _ in range(kills):
-        kill_something(home, days, rng)
+def disturb(home: Home, days: Sequence[date], kills: int, plan: Plan, rng: random.Random) -> int:
+    """Let runs on some days meet faults; what they leave behind is the next run's affair.
+
+    Returns
+    -------
+    int
+        Kills that are left because all was done before.
+    """
+    is_last = rng.random() < 0.5  # a fault that comes first meets a run with everything to do
+    while is_last and kills and kill_something(home, days, rng):
+        kills -= 1
     home.turn = home.turn or rng.sample(FAULTS, len(FAULTS))
     fault, begin = home.turn.pop(), time.monotonic()
     if meet(fault, home, days, plan, rng):
         home.met(fault)
     log.info("fault", fault=fault, took_s=round(time.monotonic() - begin, 1))
+    while not is_last and kills and kill_something(home, days, rng):
+        kills -= 1
+    return kills
 
 
 def meet(fault: str, home: Home, days: Sequence[date], plan: Plan, rng: random.Random) -> bool:
@@ -332,6 +350,7 @@ def replay(home: Home, plan: Plan, steps: list[list[tuple[Path, str]]], source: 
     rng = random.Random(plan.seed)
     shares = [rng.random() for _ in steps]
     kills = [round(plan.kills * share / sum(shares)) for share in shares]
+    left = 0
     for step, files in enumerate(steps):
         make_visible(files, source, home.archive)
         visible = datetime.now(UTC)
@@ -340,7 +359,7 @@ def replay(home: Home, plan: Plan, steps: list[list[tuple[Path, str]]], source: 
         days = [day for day in plan.all_days if days[0] <= day <= days[-1]]
         log.info("step", step=step, of=len(steps), first=f"{days[0]}", last=f"{days[-1]}", quiet=quiet)
         if not quiet:
-            disturb(home, days, kills[step], plan, rng)
+            left = disturb(home, days, kills[step] + left, plan, rng)
         home.finish(days)
         with closing(Catalogue.open(home.settings.catalogue_url)) as catalogue:
             rows = 0

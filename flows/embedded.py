@@ -45,7 +45,7 @@ def prefect_server() -> Iterator[str]:
             while not server.started:
                 if not thread.is_alive() or time.monotonic() > until:
                     raise UnreachableError(
-                        "the embedded Prefect server did not start: is the home folder writable and whole?"
+                        "the embedded Prefect server did not start: is the home folder writable, whole, and not full?"
                     )
                 time.sleep(0.02)
             with temporary_settings({PREFECT_API_URL: url}):

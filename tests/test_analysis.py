@@ -222,6 +222,11 @@ def test_a_time_may_be_of_any_type(around: Any) -> None:
     assert abs(late) < np.timedelta64(1, "ms")
 
 
+def test_no_frequency_is_too_few() -> None:
+    with pytest.raises(InputError, match="0 frequencies are too few"):
+        bella.time_edges(event_spectra(), "2012-06-07T19:30", frequencies=0)
+
+
 @pytest.mark.parametrize("wrong", [TABLE, 5, [3.0], None])
 def test_what_is_no_spectrum_is_named(wrong: Any) -> None:
     with pytest.raises(InputError, match="is no spectrum"):

@@ -76,6 +76,7 @@ def list_page(request: Request, catalogue: CatalogueHere) -> HTMLResponse:
         plots=_plots(catalogue, asked) if page else {},
         page=page,
         fault=fault,
+        arc=_arc(asked) if page else None,
         asked={name: asked.get(name, [] if name in LISTS else "") for name in FILTER_NAMES},
         filtered=any(asked.get(name) for name in FILTER_NAMES - {"limit", "cursor", "sort"}),
         onward=urlencode({**asked, "cursor": following}, doseq=True) if following else None,
@@ -115,6 +116,13 @@ def _answer(catalogue: Catalogue, asked: dict[str, Any]) -> tuple[BurstPage | No
         return catalogue.bursts(BurstFilter.model_validate(asked).query()), None
     except (InputError, ValidationError) as error:
         return None, fault_words(error)
+
+
+def _arc(asked: dict[str, Any]) -> tuple[float, float] | None:
+    """Ends of the longitudes that are asked for, where the way westward from the first to the second crosses 180."""
+    wanted = BurstFilter.model_validate(asked)
+    first, last = wanted.longitude_min, wanted.longitude_max
+    return (first, last) if first is not None and last is not None and first > last else None
 
 
 def _recent() -> list[tuple[int, date]]:

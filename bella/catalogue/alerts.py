@@ -45,10 +45,8 @@ def note_answer(connection: Connection, burst_id: str) -> None:
     """
     last = _last(connection, burst_id)
     answer = settle_answer(connection, burst_id)
-    was_answer = last is not None and last.retracted_reason is None
-    if answer is None and not was_answer:
-        return
-    if answer is not None and was_answer and last is not None and last.solution_id == answer.solution_id:
+    standing = last if last is not None and last.retracted_reason is None else None
+    if (answer and answer.solution_id) == (standing and standing.solution_id):
         return
     if connection.dialect.name == "postgresql":
         # until this transaction ends nobody else takes a number: a reader never sees 8 before 7
@@ -127,12 +125,6 @@ def _alert(connection: Connection, burst_id: str, answer: Solution | None, last:
     received = table_of(BurstObservatoryRow)
     names = select(received.c.observatory).where(received.c.burst_id == burst_id).order_by(received.c.position)
     origin = Origin(burst.origin)
-    said: dict[str, Any] = {}
-    if answer is not None:
-        said = _said(connection, answer)
-    elif last is not None:
-        why = burst.retracted_reason or "its only solution was retracted"
-        said = {"solution_id": last.solution_id, "retracted_reason": why, "sentence": f"retracted: {why}"}
     return Alert(
         sequence=sequence,
         record_number=last.record_number + 1 if last else 1,
@@ -145,8 +137,14 @@ def _alert(connection: Connection, burst_id: str, answer: Solution | None, last:
         f_low_mhz=burst.f_low_mhz,
         f_high_mhz=burst.f_high_mhz,
         observatories=tuple(connection.execute(names).scalars()),
-        **said,
+        **(_retracted(burst, last) if answer is None else _said(connection, answer)),
     )
+
+
+def _retracted(burst: Row[Any], last: Alert | None) -> dict[str, Any]:
+    """What an alert says of a burst whose last answer was announced and is none any more."""
+    why = burst.retracted_reason or "its only solution was retracted"
+    return {"solution_id": last and last.solution_id, "retracted_reason": why, "sentence": f"retracted: {why}"}
 
 
 def _said(connection: Connection, answer: Solution) -> dict[str, Any]:

@@ -151,6 +151,7 @@ class BurstRow(Base):
         Index("ix_burst_start_utc_burst_id", "start_utc", "burst_id"),
         Index("ix_burst_updated_utc_burst_id", "updated_utc", "burst_id"),
         Index("ix_burst_answer_id", "answer_id"),
+        Index("ix_burst_answer_phi0_deg", "answer_phi0_deg"),
     )
 
     burst_id: Mapped[str] = mapped_column(primary_key=True)
@@ -165,7 +166,25 @@ class BurstRow(Base):
     updated_utc: Mapped[datetime] = mapped_column(UtcTime, server_default=text("'1970-01-01 00:00:00.000000'"))
     """When what is said of the burst was changed last."""
     answer_id: Mapped[str | None]
-    """Its preferred solution: kept here, where filters look, and settled whenever it may have changed."""
+    """Its preferred solution: settled whenever it may have changed, with the copies of it below, which lists read."""
+    answer_edge: Mapped[str | None]
+    answer_method: Mapped[str | None]
+    answer_preset: Mapped[str | None]
+    answer_tier: Mapped[str | None]
+    answer_grade: Mapped[str | None]
+    answer_sentence: Mapped[str | None]
+    answer_has_track: Mapped[bool | None]
+    answer_phi0_deg: Mapped[float | None] = mapped_column(Double)
+    answer_phi0_low_deg: Mapped[float | None] = mapped_column(Double)
+    answer_phi0_high_deg: Mapped[float | None] = mapped_column(Double)
+    answer_range_low_rsun: Mapped[float | None] = mapped_column(Double)
+    answer_range_high_rsun: Mapped[float | None] = mapped_column(Double)
+    answer_latitude_low_deg: Mapped[float | None] = mapped_column(Double)
+    answer_latitude_high_deg: Mapped[float | None] = mapped_column(Double)
+    answer_area68_rsun2: Mapped[float | None] = mapped_column(Double)
+    answer_v_sw_km_s: Mapped[float | None] = mapped_column(Double)
+    answer_v_sw_low_km_s: Mapped[float | None] = mapped_column(Double)
+    answer_v_sw_high_km_s: Mapped[float | None] = mapped_column(Double)
 
 
 class BurstObservatoryRow(Base):
@@ -190,7 +209,6 @@ class SolutionRow(Base):
         CheckConstraint("version >= 1", name="version_from_one"),
         CheckConstraint("(version = 1) = (supersedes IS NULL)", name="later_version_supersedes"),
         Index("ix_solution_created_utc_solution_id", "created_utc", "solution_id"),
-        Index("ix_solution_phi0_deg", "phi0_deg"),
     )
 
     solution_id: Mapped[str] = mapped_column(primary_key=True)

@@ -5,7 +5,7 @@ from collections.abc import Iterator, Sequence
 from datetime import datetime
 from typing import Any, Literal
 
-from sqlalchemy import ColumnElement, Connection, Engine, FromClause, RowMapping, Select, bindparam, func, or_, select
+from sqlalchemy import ColumnElement, Connection, Engine, RowMapping, Select, bindparam, func, or_, select
 
 from bella.answer import Answer
 from bella.catalogue.engine import reading
@@ -49,22 +49,22 @@ MOST_SUMMARIES = 10_000
 """That are kept in memory, of about 6 kB each."""
 
 HALF_TURN_DEG, TURN_DEG = 180.0, 360.0
-BURSTS, ANSWERS = table_of(BurstRow), table_of(SolutionRow).alias("answer")
+BURSTS = table_of(BurstRow)
 _LOW, _HIGH = 0, 1
 _NUMBERS: dict[str, tuple[ColumnElement[Any], ColumnElement[Any]]] = {
     "frequency": (BURSTS.c.f_low_mhz, BURSTS.c.f_high_mhz),
-    "latitude": (ANSWERS.c.latitude_low_deg, ANSWERS.c.latitude_high_deg),
-    "distance": (ANSWERS.c.range_low_rsun, ANSWERS.c.range_high_rsun),
-    "wind": (ANSWERS.c.v_sw_km_s, ANSWERS.c.v_sw_km_s),
-    "area": (ANSWERS.c.area68_rsun2, ANSWERS.c.area68_rsun2),
+    "latitude": (BURSTS.c.answer_latitude_low_deg, BURSTS.c.answer_latitude_high_deg),
+    "distance": (BURSTS.c.answer_range_low_rsun, BURSTS.c.answer_range_high_rsun),
+    "wind": (BURSTS.c.answer_v_sw_km_s, BURSTS.c.answer_v_sw_km_s),
+    "area": (BURSTS.c.answer_area68_rsun2, BURSTS.c.answer_area68_rsun2),
 }
 """Lowest and highest value of each number that a range may hold."""
 
 _ORDERS: dict[str, tuple[str, ColumnElement[Any], type]] = {
     "start": ("start_utc", BURSTS.c.start_utc, datetime),
     "updated": ("updated_utc", BURSTS.c.updated_utc, datetime),
-    "grade": ("sorted_by", ANSWERS.c.grade, str),
-    "longitude": ("sorted_by", ANSWERS.c.phi0_deg, float),
+    "grade": ("sorted_by", BURSTS.c.answer_grade, str),
+    "longitude": ("sorted_by", BURSTS.c.answer_phi0_deg, float),
     **{name: ("sorted_by", _NUMBERS[name][_LOW], float) for name in ("latitude", "distance", "wind", "area")},
     "frequency": ("sorted_by", BURSTS.c.f_high_mhz, float),
 }
@@ -84,15 +84,19 @@ _CHANGED: dict[Changed, Select[Any]] = {
     "files": _newest(table_of(SourceFileRow).c.changed_utc),
     "events": _newest(table_of(EventListRow).c.read_utc, table_of(EventListRow).c.linked_utc),
 }
-_BURST = select(BURSTS).where(BURSTS.c.burst_id == bindparam("burst_id"))
+_AS_STORED = ("burst_id", "start_utc", "end_utc", "f_low_mhz", "f_high_mhz", "spectra_path", "updated_utc")
+_OF_BURST = tuple(BURSTS.c[name] for name in (*_AS_STORED, "origin", "retracted_utc", "retracted_reason"))
+_OF_POINT = tuple(
+    BURSTS.c[name]
+    for name in ("burst_id", "start_utc", "origin", "answer_id", *(f"answer_{one}" for one in Answer.model_fields))
+)
+_BURST = select(*_OF_BURST).where(BURSTS.c.burst_id == bindparam("burst_id"))
 _OBSERVATORIES = table_of(BurstObservatoryRow)
 _RECEIVED = (
     select(_OBSERVATORIES.c.burst_id, _OBSERVATORIES.c.observatory)
     .where(_OBSERVATORIES.c.burst_id.in_(bindparam("burst_ids", expanding=True)))
     .order_by(_OBSERVATORIES.c.position)
 )
-
-_AS_STORED = ("burst_id", "start_utc", "end_utc", "f_low_mhz", "f_high_mhz", "spectra_path", "updated_utc")
 
 
 def bursts(engine: Engine, query: BurstQuery, kept: Summaries) -> BurstPage:
@@ -114,7 +118,7 @@ def bursts(engine: Engine, query: BurstQuery, kept: Summaries) -> BurstPage:
         Where the cursor, the order or the limit is not valid.
     """
     with reading(engine) as connection:
-        page = _page(connection, query, BURSTS)
+        page = _page(connection, query, *_OF_BURST)
         return BurstPage(_summaries(connection, page.rows, kept), page.next_cursor, page.total)
 
 
@@ -126,26 +130,22 @@ def points(engine: Engine, query: BurstQuery) -> PointPage:
     InputError
         Where the order or the limit is not valid.
     """
-    answers = (ANSWERS.c[name] for name in ("solution_id", *Answer.model_fields))
     with reading(engine) as connection:
-        page = _page(connection, query, BURSTS.c.burst_id, BURSTS.c.start_utc, BURSTS.c.origin, *answers)
+        page = _page(connection, query, *_OF_POINT)
     return PointPage(tuple(map(_point, page.rows)), page.total)
 
 
 def _point(row: RowMapping) -> BurstPoint:
-    answer = Answer(**{name: row[name] for name in Answer.model_fields}) if row["solution_id"] else None
+    answer = Answer(**{name: row[f"answer_{name}"] for name in Answer.model_fields}) if row["answer_id"] else None
     return BurstPoint(row["burst_id"], row["start_utc"], Origin(row["origin"]), answer)
 
 
-def _page(connection: Connection, query: BurstQuery, *columns: FromClause | ColumnElement[Any]) -> Page:
-    """Columns of bursts and their answers, of one page."""
+def _page(connection: Connection, query: BurstQuery, *columns: ColumnElement[Any]) -> Page:
+    """Columns of the bursts of one page."""
     check_limit(query.limit)
-    order = _order(query.sort)
-    filters = burst_filters(query)
-    found = select(*columns, order[0].column.label("sorted_by")).select_from(with_answers()).where(*filters)
-    # the databases read the answers of all bursts even to count bursts alone
-    of_answers = any(ANSWERS in one._from_objects for one in filters)
-    counted = select(func.count()).select_from(with_answers() if of_answers else BURSTS).where(*filters)
+    order, filters = _order(query.sort), burst_filters(query)
+    found = select(*columns, order[0].column.label("sorted_by")).where(*filters)
+    counted = select(func.count()).select_from(BURSTS).where(*filters)
     return read_page(connection, query, found, order, counted)
 
 
@@ -181,7 +181,7 @@ def state_of(engine: Engine, query: BurstQuery) -> str:
     Cursor and limit do not count.
     """
     order = _order(query.sort)
-    found = select(BURSTS.c.burst_id, BURSTS.c.updated_utc).select_from(with_answers()).where(*burst_filters(query))
+    found = select(BURSTS.c.burst_id, BURSTS.c.updated_utc).where(*burst_filters(query))
     digest = hashlib.sha256()
     with reading(engine) as connection:
         for row in connection.execute(found.order_by(*ordered_by(order))).yield_per(1000):
@@ -202,16 +202,11 @@ def _order(sort: str) -> list[Key]:
             f"sort: {sort[:40]!r} is not known; choose one of {', '.join(BURST_SORTS)}, or -start and so on"
         )
     key, column, kind = _ORDERS[name]
-    nullable = column.table is ANSWERS
+    nullable = bool(column.nullable)
     return [
         Key(key, column, kind, descending, nullable=nullable),
         Key("burst_id", BURSTS.c.burst_id, str, descending),
     ]
-
-
-def with_answers() -> FromClause:
-    """Bursts, each beside its preferred solution where it has one."""
-    return BURSTS.outerjoin(ANSWERS, ANSWERS.c.solution_id == BURSTS.c.answer_id)
 
 
 def burst(engine: Engine, burst_id: str, kept: Summaries) -> BurstSummary:
@@ -253,7 +248,7 @@ def versions(engine: Engine, burst_id: str) -> tuple[Solution, ...]:
 
 
 def burst_filters(query: BurstQuery) -> list[ColumnElement[bool]]:
-    """Conditions of a query on `with_answers`."""
+    """Conditions of a query on bursts."""
     received = table_of(BurstObservatoryRow)
     conditions: list[ColumnElement[bool]] = [BURSTS.c.origin.in_(sorted(query.origins))]
     if not query.with_retracted:
@@ -275,15 +270,15 @@ def burst_filters(query: BurstQuery) -> list[ColumnElement[bool]]:
 def _of_answers(query: BurstQuery) -> Iterator[ColumnElement[bool]]:
     flagged = table_of(SolutionFlagRow)
     for column, names in (
-        (ANSWERS.c.grade, query.grades),
-        (ANSWERS.c.edge, query.edges),
-        (ANSWERS.c.method, query.methods),
-        (ANSWERS.c.preset, query.presets),
+        (BURSTS.c.answer_grade, query.grades),
+        (BURSTS.c.answer_edge, query.edges),
+        (BURSTS.c.answer_method, query.methods),
+        (BURSTS.c.answer_preset, query.presets),
     ):
         if names:
             yield column.in_(sorted(names))
     if query.tier is not None:
-        yield ANSWERS.c.tier == query.tier
+        yield BURSTS.c.answer_tier == query.tier
     of_answer = select(flagged.c.flag).where(flagged.c.solution_id == BURSTS.c.answer_id).correlate(BURSTS)
     for name in sorted(query.flags):
         yield of_answer.where(flagged.c.flag == name).exists()
@@ -306,7 +301,7 @@ def _longitudes(first: float | None, last: float | None) -> Iterator[ColumnEleme
     if first is None and last is None:
         return
     first, last = (-HALF_TURN_DEG if first is None else first), (HALF_TURN_DEG if last is None else last)
-    column = ANSWERS.c.phi0_deg
+    column = BURSTS.c.answer_phi0_deg
     if last - first >= TURN_DEG:
         yield column.is_not(None)
         return

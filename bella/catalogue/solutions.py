@@ -55,6 +55,11 @@ from bella.records import JointTrack, Origin, Track
 
 SERIES_COLUMNS = ("edge", "method", "preset", "dimensions")
 _ANSWER = tuple(Answer.model_fields)
+COPIED_OF_ANSWER = tuple(
+    column.name for column in table_of(BurstRow).c if column.name.startswith("answer_") and column.name != "answer_id"
+)
+"""Columns of a burst that say what its answer says."""
+
 _AS_STORED = (
     *("solution_id", "burst_id", "version", "supersedes", "inputs_hash", "code_version", "store_path", "store_sha256"),
     *("created_utc", "reference_utc", "spectra_path", "pruned_utc"),
@@ -181,17 +186,17 @@ def settle_answer(connection: Connection, burst_id: str) -> Solution | None:
     table, preference, bursts = table_of(SolutionRow), table_of(PreferenceRow), table_of(BurstRow)
     own = bursts.c.burst_id == burst_id
     same = [preference.c[name] == table.c[name] for name in ("burst_id", *SERIES_COLUMNS)]
+    copied = [table.c[name.removeprefix("answer_")].label(name) for name in COPIED_OF_ANSWER]
     wanted = (
-        select(table.c.solution_id)
+        select(table.c.solution_id.label("answer_id"), *copied)
         .join(preference, and_(*same))
         .join(bursts, bursts.c.burst_id == table.c.burst_id)
         .where(own, is_newest(table), table.c.retracted_utc.is_(None), bursts.c.retracted_utc.is_(None))
     )
-    answer_id = connection.execute(wanted).scalar_one_or_none()
-    connection.execute(update(bursts).where(own).values(answer_id=answer_id, updated_utc=datetime.now(UTC)))
-    if answer_id is None:
-        return None
-    return solution_rows(connection, table.c.solution_id == answer_id)[0]
+    found = connection.execute(wanted).mappings().one_or_none()
+    values = found or dict.fromkeys(("answer_id", *COPIED_OF_ANSWER))
+    connection.execute(update(bursts).where(own).values(**values, updated_utc=datetime.now(UTC)))
+    return None if found is None else solution_rows(connection, table.c.solution_id == found["answer_id"])[0]
 
 
 def solutions(engine: Engine, query: SolutionQuery) -> SolutionPage:

@@ -112,7 +112,9 @@ def _read_fleet(paths: list[Path]) -> "tuple[list[FleetPiece], int]":
             if found:
                 advance(1)
     if faults and not found:
-        raise faults[0]
+        for earlier in faults[:-1]:
+            warn(f"Left out: {earlier}")
+        raise faults[-1]
     pieces, unfit = fleet_pieces(found)
     for fault in (*faults, *unfit):
         warn(f"Left out: {fault}")

@@ -1,6 +1,6 @@
 """Files as such, whole or damaged, whatever they hold: CDF and HDF5 read by a process of their own, gzip, times."""
 
-from bella.containers.bounded import INFLATED_BYTES, READER, check_hdf5, inflate, reading
+from bella.containers.bounded import ANOTHER, INFLATED_BYTES, READER, check_hdf5, inflate, reading
 from bella.containers.cdf import (
     LARGEST_NUMBER,
     MAGIC,
@@ -16,6 +16,7 @@ from bella.containers.cdf import (
 )
 
 __all__ = [
+    "ANOTHER",
     "INFLATED_BYTES",
     "LARGEST_NUMBER",
     "MAGIC",

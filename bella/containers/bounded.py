@@ -38,6 +38,9 @@ INFLATED_BYTES = 256 << 20
 """Most that one file may hold once decompressed; a day at native cadence holds less than half."""
 
 LARGEST_ANSWER_BYTES = 1 << 30
+ANOTHER = "take another version of the file"
+"""What to do about a file that is whole, but not as its product is."""
+
 UNREADABLE = re.compile(r"(?<!de)compression|encod|unsupported|not (?:implemented|supported|registered)", re.IGNORECASE)
 """Words of libraries about what they do not read in a file that may be whole."""
 

@@ -10,7 +10,7 @@ import cdflib
 import numpy as np
 import numpy.typing as npt
 
-from bella.containers.bounded import READER, cpu_limit_s, reading
+from bella.containers.bounded import ANOTHER, READER, cpu_limit_s, reading
 from bella.exceptions import InputError
 
 TimeArray = npt.NDArray[np.datetime64]
@@ -38,10 +38,10 @@ FIRST, LAST = np.datetime64("1990-01-01", "ns"), np.datetime64("2060-01-01", "ns
 J2000 = np.datetime64("2000-01-01T12:00:00", "ns")
 CDF_EPOCH, CDF_EPOCH16, CDF_TIME_TT2000 = 31, 32, 33
 EPOCHS = (CDF_EPOCH, CDF_EPOCH16, CDF_TIME_TT2000)
-PREVIOUS, MOST_ADDED = 2, 1 << 25
+PREVIOUS, MOST_ADDED = 2, 1 << 24
 """Kind of sparse records that repeat the one before; most values that are made of those that are not stored."""
 
-AT_ONCE = 1 << 13
+AT_ONCE = 1 << 16
 """Values that are converted at once, so that what that takes stays small."""
 
 MHZ = {"hz": 1e-6, "khz": 1e-3, "mhz": 1.0, "ghz": 1e3}
@@ -141,7 +141,7 @@ class CdfFile:
         """
         stored = self._values(variable, dimensions)
         if not np.issubdtype(stored.dtype, np.number) or np.iscomplexobj(stored):
-            raise InputError(f"{self.name}: variable {variable!r} holds no numbers")
+            raise InputError(f"{self.name}: variable {variable!r} holds no numbers; {ANOTHER}")
         fill = self._ask("attribute", "FILLVAL", self.stored_name(variable))
         values = stored if stored.dtype == np.float32 else stored.astype(np.float64)
         rows, origin = np.atleast_1d(values), np.atleast_1d(stored)
@@ -185,26 +185,24 @@ class CdfFile:
         """
         kind = self._description(variable)["kind"]
         if kind not in EPOCHS:
-            raise InputError(f"{self.name}: variable {variable!r} is not CDF_EPOCH, CDF_EPOCH16 or CDF_TIME_TT2000")
-        stored = self._values(variable, dimensions)
-        if kind == CDF_TIME_TT2000:
-            counts = stored.astype(np.int64)
-            times, is_fill = utc_of_tt2000(counts), counts <= LOWEST_TT2000
-        else:
-            if kind == CDF_EPOCH16:
-                stored = _undoubled(stored)
-                times, epoch_ms = utc_of_cdf_epoch16(stored), stored.real * 1e3
-            else:
-                times, epoch_ms = utc_of_cdf_epoch(stored), stored.real
-            is_fill = ~((epoch_ms > 0.0) & (epoch_ms < YEAR_9000_MS))
-        fill = self._ask("attribute", "FILLVAL", self.stored_name(variable))
-        if isinstance(fill, int | float):
-            is_fill |= stored == fill
-        if (np.isnat(times) & ~is_fill).any():
             raise InputError(
-                f"{self.name}: {variable} has times that are not between {FIRST.astype('M8[Y]')} and "
-                f"{LAST.astype('M8[Y]')}: its clock is wrong; take another version of the file"
+                f"{self.name}: variable {variable!r} is not CDF_EPOCH, CDF_EPOCH16 or CDF_TIME_TT2000; {ANOTHER}"
             )
+        stored = self._values(variable, dimensions)
+        stored = _undoubled(stored) if kind == CDF_EPOCH16 else stored
+        fill = self._ask("attribute", "FILLVAL", self.stored_name(variable))
+        times = np.empty(stored.shape, dtype="datetime64[ns]")
+        for begin in range(0, stored.size, AT_ONCE):
+            part = stored.reshape(-1)[begin : begin + AT_ONCE]
+            found, is_fill = _converted(part, kind)
+            if isinstance(fill, int | float):
+                is_fill |= part == fill
+            if (np.isnat(found) & ~is_fill).any():
+                raise InputError(
+                    f"{self.name}: {variable} has times that are not between {FIRST.astype('M8[Y]')} and "
+                    f"{LAST.astype('M8[Y]')}: its clock is wrong; take another version of the file"
+                )
+            times.reshape(-1)[begin : begin + AT_ONCE] = found
         return times
 
     def frequency_mhz(self, variable: str, unit: str = "", highest_mhz: float | None = None) -> NumberArray:
@@ -239,7 +237,9 @@ class CdfFile:
             raise InputError(f"{self.name}: variable {variable!r} holds logarithms: take another version of the file")
         if highest_mhz is None:
             if stated not in MHZ:
-                raise InputError(f"{self.name}: variable {variable!r} is in {stated!r}, not in Hz, kHz or MHz")
+                raise InputError(
+                    f"{self.name}: variable {variable!r} is in {stated!r}, not in Hz, kHz or MHz; {ANOTHER}"
+                )
             return values.astype(np.float64) * MHZ[stated]
         return in_mhz(values, stated, highest_mhz, f"{self.name}: variable {variable!r}")
 
@@ -249,7 +249,9 @@ class CdfFile:
     def _description(self, variable: str) -> dict[str, Any]:
         stored = self.stored_name(variable)
         if not stored:
-            raise InputError(f"{self.name} has no variable {variable!r}: it is not the product it is named after")
+            raise InputError(
+                f"{self.name} has no variable {variable!r}: it is not the product it is named after; {ANOTHER}"
+            )
         if self._described[stored]["fault"]:
             raise InputError(
                 f"{self.name}: variable {variable!r} cannot be read ({self._described[stored]['fault']}): download it "
@@ -266,7 +268,9 @@ class CdfFile:
             single = [axis for axis in range(values.ndim - 1, -1, -1) if values.shape[axis] == 1][:surplus]
             values = values.squeeze(tuple(single))
         if dimensions is not None and values.ndim != dimensions:
-            raise InputError(f"{self.name}: variable {variable!r} has {values.ndim} dimensions, not {dimensions}")
+            raise InputError(
+                f"{self.name}: variable {variable!r} has {values.ndim} dimensions, not {dimensions}; {ANOTHER}"
+            )
         return values
 
     def _whole(self, variable: str, values: npt.NDArray[Any]) -> npt.NDArray[Any]:
@@ -287,6 +291,18 @@ class CdfFile:
         if values.dtype.kind != "f":
             values = values.astype(np.float64)
         return np.concatenate([values, np.full((count, *values.shape[1:]), np.nan, dtype=values.dtype)])
+
+
+def _converted(stored: npt.NDArray[Any], kind: int) -> tuple[TimeArray, npt.NDArray[np.bool_]]:
+    """UTC of times of a type, and which of them are fill values of the type."""
+    if kind == CDF_TIME_TT2000:
+        counts = stored.astype(np.int64)
+        return utc_of_tt2000(counts), counts <= LOWEST_TT2000
+    if kind == CDF_EPOCH16:
+        times, epoch_ms = utc_of_cdf_epoch16(stored), stored.real * 1e3
+    else:
+        times, epoch_ms = utc_of_cdf_epoch(stored), stored.real
+    return times, ~((epoch_ms > 0.0) & (epoch_ms < YEAR_9000_MS))
 
 
 def in_mhz(values: npt.NDArray[Any], unit: str, highest_mhz: float, what: str) -> npt.NDArray[np.float64]:
@@ -416,11 +432,7 @@ def utc_of_tt2000(tt2000_ns: npt.NDArray[np.int64]) -> TimeArray:
     if ahead[0] == ahead[1]:  # the leap seconds only grow: none lies between
         times[usable] = J2000 + (stored[usable] - ahead[0]).astype("timedelta64[ns]")
         return times
-    for begin in range(0, stored.size, AT_ONCE):
-        part = slice(begin, begin + AT_ONCE)
-        known = stored[part][usable[part]]
-        if known.size:
-            times[part][usable[part]] = np.asarray(cdflib.cdfepoch.to_datetime(known))
+    times[usable] = np.asarray(cdflib.cdfepoch.to_datetime(stored[usable]))
     return times
 
 

@@ -27,8 +27,8 @@ MEMORY_BYTES = 3 << 30
 LARGEST_BYTES = 1 << 30
 """Most that one variable or one decompressed file may hold; a day of 42 811 sweeps of 321 channels has 55 MB."""
 
-MOST_VALUES, MOST_SPARSE_VALUES = 1 << 26, 1 << 25
-"""Most of one variable, and of one of which not all is stored; the same day has 14 million."""
+MOST_VALUES = 1 << 25
+"""Most of one variable; the same day has 14 million."""
 
 GZIP_FACTOR, ROOM_BYTES = 1032, 1 << 20
 """Most that gzip packs into a byte (zlib's technical details); what a small file may claim beyond that."""
@@ -99,9 +99,9 @@ class Reader:
     def _check_claim(self, found: Any) -> None:
         """Hold how many values a variable claims against what the file can hold, a byte each."""
         count = (int(found.Last_Rec) + 1 if found.Rec_Vary else 1) * math.prod(int(size) for size in found.Dim_Sizes)
-        held = ROOM_BYTES + (self._packed_bytes if found.Compress else self._bytes)
-        is_sparse = str(found.Sparse).lower() != "no_sparse"
-        if count > (MOST_SPARSE_VALUES if is_sparse else min(held, MOST_VALUES)):
+        is_all_stored = not found.Compress and str(found.Sparse).lower() == "no_sparse"
+        held = ROOM_BYTES + (self._bytes if is_all_stored else self._packed_bytes)
+        if count > min(held, MOST_VALUES):
             raise ValueError(f"it claims {count} values")
 
     def attribute(self, name: str, variable: str | None) -> str | float | None:

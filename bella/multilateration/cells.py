@@ -36,7 +36,7 @@ BOX_NATS = 18.0
 """The first box reaches to where the prior of the position has fallen by so much."""
 FIRST_CELLS = 6
 """Cells per axis at the start."""
-DROP_NATS = 13.0
+DROP_NATS = 13.5
 """A cell is dropped when its bound is this far below the best density."""
 BELOW_NATS, BELOW_NATS_OF_MIXTURE = 15.5, 17.0
 """A final cell is dropped when its density is this far below; noise with bad arrival times has longer tails. Standard
@@ -51,8 +51,6 @@ if it takes fewer by this factor. Earlier, or for less, bent axes that would do 
 TOLERANCE = 1.2
 """Longest edge of a final cell, in local standard deviations. Moments hold to 1e-4 with edges half as long again; it is
 the draws, spread evenly within a cell, that want smaller ones."""
-LOG_SLACK = 0.3
-"""Allowance for what the bound of log det G leaves out, nats."""
 MOST_LOG_DET = 700.0
 """Larger ones would overflow; the bound is then only less tight."""
 MOST_PARTS = 3
@@ -418,7 +416,7 @@ def _upper_bound(  # noqa: PLR0913, PLR0917
     widened = here.steepest * ((priors.slowness_sd + delay.kappa_sd * late) * reach)
     root = np.maximum(np.sqrt(np.expm1(np.minimum(seen.log_det, MOST_LOG_DET))) - widened, 0)
     bound = mixed(here.log_norm - 0.5 * (lowest + np.log1p(root**2)))
-    return bound + priors.log_position(np.maximum(radius - reach, 0.0) ** 2) + LOG_SLACK - priors.log_share_allowed
+    return bound + priors.log_position(np.maximum(radius - reach, 0.0) ** 2) - priors.log_share_allowed
 
 
 def _need(lattice: Lattice, seen: _Seen, best: FloatArray, tolerance: float) -> FloatArray:

@@ -45,6 +45,10 @@ LEAST_LIKELY = 1e-4
 """Probability that a clock is late below which positions need not allow for it: means move by less than 1e-3 of their
 standard deviations."""
 
+EVERY, FAR_NATS = 5, 25.0
+"""Clocks whose evidence at one of so many frequencies is so far below that of the best one are not looked at further:
+at all of them they are less likely still."""
+
 SHIFT_S = 10.0
 """Offset for which the move of a position is stated."""
 DRAWS_USED = 400
@@ -127,9 +131,15 @@ def late_clocks(grid: ArrivalGrid, check: ClockCheck, recipe: Recipe, none_late:
     number = len(grid.observatories)
     chosen = np.eye(number + 1, number, k=-1)  # first that no clock is late
     late_s, late_sd_s = chosen * check.offset_s, chosen * check.offset_sd_s
+    occam = np.append(0.0, np.log(check.offset_sd_s / THRESHOLDS.typical_offset_s / number))
+    few = grid.take(np.arange(0, none_late.size, EVERY))
+    first = np.array([log_evidence(few, recipe, *one).sum() for one in zip(late_s[1:], late_sd_s[1:], strict=True)])
+    first = np.append(none_late[::EVERY].sum(), first) + occam
+    possible = first > first.max() - FAR_NATS
+    possible[0] = True
+    late_s, late_sd_s, occam = late_s[possible], late_sd_s[possible], occam[possible]
     late = [log_evidence(grid, recipe, *one) for one in zip(late_s[1:], late_sd_s[1:], strict=True)]
     own = np.stack([none_late, *late])
-    occam = np.append(0.0, np.log(check.offset_sd_s / THRESHOLDS.typical_offset_s / number))
     log_weight = own.sum(axis=1) + occam
     log_weight = log_weight - np.logaddexp.reduce(log_weight)
     likely = log_weight > np.log(LEAST_LIKELY)

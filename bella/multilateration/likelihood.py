@@ -142,9 +142,14 @@ def _integrals(problems: Problems, distance: FloatArray, late: FloatArray | None
 
 def _whitened(problems: Problems, values: FloatArray) -> FloatArray:
     """T v, shape (K, n - 1, *S)."""
-    total = problems.whitening[:, :, 0] * values[0]
+    return _summed(problems.whitening.swapaxes(1, 2), values)
+
+
+def _summed(weight: FloatArray, values: FloatArray) -> FloatArray:
+    """Sum of weights (K, n, *R, *S) times values (n, *S) over the receivers, shape (K, *R, *S)."""
+    total = weight[:, 0] * values[0]
     for receiver in range(1, len(values)):
-        total += problems.whitening[:, :, receiver] * values[receiver]
+        total += weight[:, receiver] * values[receiver]
     return np.asarray(total)
 
 
@@ -211,8 +216,8 @@ def evaluate(problems: Problems, points: FloatArray) -> Local:
         kappa=delay.kappa + delay.kappa_sd * g.moved_k,
         kappa_slope=nothing - delay.kappa_sd / priors.slowness_sd * g.uk / g.kk,
         kappa_sd=nothing + delay.kappa_sd / np.sqrt(g.kk),
-        mean_distance=(problems.mean_weight * distance).sum(axis=1),
-        mean_delay_s=nothing if late is None else (problems.mean_weight * late).sum(axis=1),
+        mean_distance=_summed(problems.mean_weight, distance),
+        mean_delay_s=nothing if late is None else _summed(problems.mean_weight, late),
     )
 
 

@@ -5,8 +5,9 @@ resampled and shuffled.
 """
 
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from itertools import pairwise
+from typing import Any
 
 import numpy as np
 
@@ -20,8 +21,8 @@ from bella.multilateration.regions import Region, component_density, regions_of
 from bella.multilateration.speed import draw_slowness
 from bella.units import C_RSUN_S, FloatArray
 
-BATCH = {2: 25, 3: 1}
-"""Frequencies treated together: enough to pay for the calls, few enough to stay in the processor's cache."""
+BATCH = {2: 50, 3: 1}
+"""Frequencies treated together: enough to pay for the calls, few enough for the memory."""
 SHARE_OF_SIDE = 0.05
 """Step, in edges of a cell, over which the slope of the log density is taken."""
 LEAST_CHANGE, MOST_CHANGE = 1e-4, 4.0
@@ -33,7 +34,7 @@ AXES = "xyz"
 
 @dataclass(frozen=True)
 class Draws:
-    """Equally weighted draws of B problems.
+    """Equally weighted draws of B problems, in single precision: of the answer they alone grow with the frequencies.
 
     Attributes
     ----------
@@ -50,6 +51,10 @@ class Draws:
     v_over_c: FloatArray
     kappa: FloatArray
     effective: FloatArray
+
+    def row(self, problem: int) -> "Draws":
+        """Those of one problem, to be filled."""
+        return Draws(**{name: values[problem : problem + 1] for name, values in vars(self).items()})
 
 
 @dataclass(frozen=True)
@@ -146,7 +151,7 @@ def exact_posterior(
     rng = np.random.default_rng(recipe.seed)
     parts = []
     for batch, cells in _divided(problems, grid.frequency_mhz):
-        drawn = _in_single_precision(draw(batch, cells, recipe.draws, rng))
+        drawn = draw(batch, cells, recipe.draws, rng)
         parts.append((drawn, moments_of(batch, cells), regions_of(batch, cells)))
         advance(batch.count)
     draws, moments, regions = zip(*parts, strict=True)
@@ -173,17 +178,6 @@ def log_evidence(grid: ArrivalGrid, recipe: Recipe, late_s: FloatArray, late_sd_
     problems = problems_of(grid, preset.priors, recipe.dimensions, delay=preset.delay, clocks=clocks)
     parts = [moments_of(some, cells).log_evidence for some, cells in _divided(problems, grid.frequency_mhz)]
     return np.concatenate(parts)
-
-
-def _in_single_precision(draws: Draws) -> Draws:
-    """Draws as they are stored: the only part of the answer that grows much with the number of frequencies."""
-    return replace(
-        draws,
-        position=draws.position.astype(np.float32),
-        emission_s=draws.emission_s.astype(np.float32),
-        v_over_c=draws.v_over_c.astype(np.float32),
-        kappa=draws.kappa.astype(np.float32),
-    )
 
 
 def _divided(problems: Problems, frequency_mhz: FloatArray) -> Iterator[tuple[Problems, Cells]]:
@@ -280,15 +274,18 @@ def draw(problems: Problems, cells: Cells, number: int, rng: np.random.Generator
     held = cells.log_mass
     mass, _ = normalised(held + widened, cells.owner, problems.count)
     edges = np.searchsorted(cells.owner, np.arange(problems.count + 1))
-    parts = []
+    shape = problems.count, number
+    values: dict[str, Any] = {name: np.empty(shape, np.float32) for name in ("emission_s", "v_over_c", "kappa")}
+    position: Any = np.empty((*shape, problems.dimensions), np.float32)
+    draws = Draws(position=position, effective=np.empty(problems.count), **values)
     for row, (first, last) in enumerate(pairwise(edges)):  # one at a time: its draws stay in the processor's cache
         some, one = slice(first, last), slice(row, row + 1)
         lattice = Lattice(
             cells.index[:, some], cells.owner[some], cells.side[:, one], cells.origin[:, one], cells.axes.one(row)
         )
         here = _Held(lattice, change[..., some], mass[:, some], held[:, some])
-        parts.append(_drawn(problems.at(one), here, number, rng))
-    return Draws(*(np.concatenate([getattr(part, name) for part in parts]) for name in Draws.__dataclass_fields__))
+        _draw_one(problems.at(one), here, draws.row(row), rng)
+    return draws
 
 
 def _change_across(problems: Problems, cells: Cells) -> FloatArray:
@@ -312,9 +309,11 @@ class _Held:
     log_mass: FloatArray
 
 
-def _drawn(problem: Problems, held: _Held, number: int, rng: np.random.Generator) -> Draws:
+def _draw_one(problem: Problems, held: _Held, draws: Draws, rng: np.random.Generator) -> None:
+    """Fill the draws of one problem."""
+    number = draws.kappa.size
     taken = _systematic(held.mass.T.ravel(), number, rng)
-    cell, component = np.divmod(taken, problem.components)
+    cell, component = np.divmod(taken, problem.components) if problem.components > 1 else (taken, 0 * taken)
     place = component * held.log_mass.shape[1] + cell
     twice = 2 * held.change.reshape(len(held.change), -1).take(place, axis=1)
     jitter = np.log1p(rng.random(twice.shape) * np.expm1(twice)) / twice - 0.5
@@ -332,13 +331,11 @@ def _drawn(problem: Problems, held: _Held, number: int, rng: np.random.Generator
     kappa = local.kappa_given(slowness)[0] + local.kappa_sd[0] * rng.standard_normal((1, number))
     emission = here.mean_arrival_s[0] - slowness * local.mean_distance[0] - kappa * local.mean_delay_s[0]
     emission = emission + rng.standard_normal((1, number)) / np.sqrt(here.total_weight[0])
-    return Draws(
-        position=points.take(chosen, axis=2).transpose(1, 2, 0),
-        emission_s=emission.take(chosen, axis=1),
-        v_over_c=1 / (slowness.take(chosen, axis=1) * C_RSUN_S),
-        kappa=kappa.take(chosen, axis=1),
-        effective=1 / (weight**2).sum(keepdims=True),
-    )
+    draws.position[...] = points.take(chosen, axis=2).transpose(1, 2, 0)
+    draws.emission_s[...] = emission.take(chosen, axis=1)
+    draws.v_over_c[...] = 1 / (slowness.take(chosen, axis=1) * C_RSUN_S)
+    draws.kappa[...] = kappa.take(chosen, axis=1)
+    draws.effective[...] = 1 / (weight**2).sum()
 
 
 def _systematic(mass: FloatArray, number: int, rng: np.random.Generator) -> IntArray:
@@ -349,5 +346,6 @@ def _systematic(mass: FloatArray, number: int, rng: np.random.Generator) -> IntA
     """
     passed = np.ceil(np.cumsum(mass) * number - rng.random())
     passed[-1] = number
-    passed = np.clip(passed, 0, number)
-    return np.repeat(np.arange(mass.size), np.diff(passed, prepend=0).astype(np.intp))
+    times = np.clip(passed, 0, number).astype(np.intp)
+    times[1:] -= times[:-1].copy()
+    return np.repeat(np.arange(mass.size), times)

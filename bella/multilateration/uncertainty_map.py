@@ -30,10 +30,10 @@ from bella.threads import ONE_THREAD
 from bella.units import C_RSUN_S, FloatArray
 
 MAP_TOLERANCE = 1.3
-MAP_DROP_NATS = 10.0
+MAP_DROP_NATS = 10.5
 """Longest edge of a cell in local standard deviations, and how far below the best density cells are dropped: without
 draws the standard deviations hold to a thousandth."""
-NODES_TOGETHER = 25
+NODES_TOGETHER = 100
 """Nodes treated together."""
 NODES_PER_TASK = 100
 """Nodes handed to a process at a time; also the step of the progress."""

@@ -15,7 +15,7 @@ from concurrent.futures.process import BrokenProcessPool
 from importlib import import_module
 from multiprocessing.process import parent_process
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Self, TypeVar
+from typing import TYPE_CHECKING, Any, Self, TypeVar, cast
 
 from bella.exceptions import WorkerLostError
 from bella.logs import log_to
@@ -24,6 +24,8 @@ from bella.spacecraft import extend_with
 from bella.threads import ONE_THREAD
 
 if TYPE_CHECKING:
+    from multiprocessing.process import BaseProcess
+
     from bella.pipeline.scheduler import Scheduler
 
 T = TypeVar("T")
@@ -141,7 +143,8 @@ class Workers:
     def start(self) -> None:
         """Let the processes begin to load what they need, so that the first who asks does not wait for that."""
         if self.number > 1 and not self._given[0].dask:
-            self._processes().submit(os.getpid)
+            for _ in range(self.number):
+                self._processes().submit(import_module, "bella.pipeline.run")
 
     def call(self, function: Callable[..., T], *arguments: Any, urgency: float = 0.0) -> T:
         """Result of a function of a module, computed by a worker.
@@ -228,11 +231,8 @@ def _begin(settings: Settings, log: Path | None) -> None:
     threading.Thread(target=_end_with_parent, name="parent watch", daemon=True).start()
     prepare(settings)
     log_to(log)
-    import_module("bella.pipeline.run")
 
 
 def _end_with_parent() -> None:
-    parent = parent_process()
-    if parent is not None:
-        parent.join()
-        os._exit(ORPHANED)
+    cast("BaseProcess", parent_process()).join()  # a process that was spawned has one
+    os._exit(ORPHANED)

@@ -179,7 +179,7 @@ def _marks(chart: _Chart, bursts: Sequence[tuple[Marked, list[Estimate]]]) -> It
         yield from _together(chart, bursts)
         return
     for one, found in bursts:
-        x = float(chart.across(one.start.timestamp()))
+        x = chart.across.at(one.start.timestamp())
         inside = [line(x, low, x, high, class_="interval") for low, high in _ends(chart, found)]
         y = _height(chart, found)
         kind = f"grade-{one.grade}" if found else "open"
@@ -192,7 +192,7 @@ def _together(chart: _Chart, bursts: Sequence[tuple[Marked, list[Estimate]]]) ->
     intervals: list[str] = []
     points: dict[str, list[str]] = {}
     for one, found in bursts:
-        x = number(float(chart.across(one.start.timestamp())))
+        x = number(chart.across.at(one.start.timestamp()))
         intervals += [f"M{x} {number(low)}V{number(high)}" for low, high in _ends(chart, found)]
         kind = f"grade-{one.grade}" if found else "open"
         points.setdefault(kind, []).append(f"M{x} {number(_height(chart, found))}h0")
@@ -202,14 +202,11 @@ def _together(chart: _Chart, bursts: Sequence[tuple[Marked, list[Estimate]]]) ->
 
 
 def _ends(chart: _Chart, found: list[Estimate]) -> list[tuple[float, float]]:
-    scale = chart.upward
-    clipped = [np.clip([one.low, one.high], scale.low, scale.high) for one in found]
-    return [(float(scale(low)), float(scale(high))) for low, high in clipped]
+    return [(chart.upward.inside(one.low), chart.upward.inside(one.high)) for one in found]
 
 
 def _height(chart: _Chart, found: list[Estimate]) -> float:
-    scale = chart.upward
-    return float(scale(np.clip(found[0].value, scale.low, scale.high))) if found else chart.below
+    return chart.upward.inside(found[0].value) if found else chart.below
 
 
 def time_labels(across: Scale, most: int = 9) -> list[tuple[float, str]]:

@@ -15,6 +15,7 @@ import numpy as np
 import numpy.typing as npt
 import xarray as xr
 
+from bella.containers import ANOTHER
 from bella.exceptions import InputError
 from bella.spectra.dynamic_spectrum import label, validate_spectrum, without_fill
 
@@ -99,7 +100,7 @@ def assemble(
         if values.shape not in {(time.size, frequency_mhz.size), (frequency_mhz.size,)}:
             raise InputError(
                 f"{origin.source}: {name} of {origin.receiver} has the shape {values.shape}, "
-                f"but there are {time.size} times and {frequency_mhz.size} frequencies"
+                f"but there are {time.size} times and {frequency_mhz.size} frequencies; {ANOTHER}"
             )
     records = ascending(without_strays(time), lambda: np.isfinite(intensity).sum(axis=1))
     channels = ascending(frequency_mhz, lambda: np.isfinite(intensity).sum(axis=0))
@@ -218,7 +219,9 @@ def shared_channels(
     if frequency_mhz.ndim == 1:
         return frequency_mhz, values
     if frequency_mhz.shape != values.shape:
-        raise InputError(f"{source}: frequencies of shape {frequency_mhz.shape} for values of shape {values.shape}")
+        raise InputError(
+            f"{source}: frequencies of shape {frequency_mhz.shape} for values of shape {values.shape}; {ANOTHER}"
+        )
     if (frequency_mhz == frequency_mhz[0]).all():
         return frequency_mhz[0], values
     known = np.isfinite(frequency_mhz) & (frequency_mhz > 0.0)
@@ -229,7 +232,7 @@ def shared_channels(
     step = float(np.median(steps[steps > 0.0])) if (steps > 0.0).any() else 0.0
     channels, column = merged_channels(frequency_mhz[known], SAME_CHANNEL * step)
     if channels.size > 16 * values.shape[1]:
-        raise InputError(f"{source}: {channels.size} frequencies in records of {values.shape[1]} channels")
+        raise InputError(f"{source}: {channels.size} frequencies in records of {values.shape[1]} channels; {ANOTHER}")
     no_data = "NaT" if values.dtype.kind == "M" else np.nan
     spread = np.full((values.shape[0], channels.size), no_data, dtype=values.dtype)
     row = np.broadcast_to(np.arange(values.shape[0])[:, None], values.shape)[known]
@@ -430,19 +433,23 @@ def assemble_sweeps(
         If the arrays have different lengths, or no samples remain.
     """
     if any(array.shape != time.shape for array in (sweep, frequency_mhz, *values.values())):
-        raise InputError(f"{origin.source}: the variables of {origin.receiver} have different lengths")
+        raise InputError(f"{origin.source}: the variables of {origin.receiver} have different lengths; {ANOTHER}")
     time = without_strays(time)
     order = np.argsort(time, kind="stable")
     order = order[(~np.isnat(time) & (frequency_mhz > 0.0) & np.isfinite(sweep))[order]]
     if not order.size:
-        raise InputError(f"{origin.source}: no sample of {origin.receiver} has a time, a frequency and a sweep")
+        raise InputError(
+            f"{origin.source}: no sample of {origin.receiver} has a time, a frequency and a sweep; {ANOTHER}"
+        )
     sweep, time, frequency_mhz = sweep[order], time[order], frequency_mhz[order]
     origin = replace(origin, integration_s=dwell_s(time))
     channels, column = merged_channels(frequency_mhz, SAME_FREQUENCY)
     row = _passes(np.unique(sweep, return_inverse=True)[1], column, time)
     shape = (int(row.max()) + 1, channels.size)
     if shape[0] * shape[1] > 64 * time.size + 4096:
-        raise InputError(f"{origin.source}: {time.size} samples at {channels.size} frequencies are no sweeps")
+        raise InputError(
+            f"{origin.source}: {time.size} samples at {channels.size} frequencies are no sweeps; {ANOTHER}"
+        )
     when = np.full(shape, np.datetime64("NaT"), dtype="datetime64[ns]")
     # what is written last stays: the first visit with a value of several in one record
     last = np.argsort(np.isfinite(values["intensity"][order])[::-1], kind="stable").astype(np.int32)

@@ -21,7 +21,7 @@ from bella.exceptions import InputError, require_extra
 from bella.records import Origin
 from bella.spacecraft import observatory_name
 from bella.spectra.assembly import ascending, cadence_s, dates_in, shared_channels
-from bella.spectra.beside import FLAGS, LONGEST_SWEEP_S
+from bella.spectra.beside import FLAGS, LONGEST_SWEEP_S, SECONDS, SFU
 from bella.spectra.dynamic_spectrum import (
     ATTRIBUTES,
     OPTIONAL_DIMENSIONS,
@@ -182,6 +182,10 @@ def as_spectrum(stored: xr.Dataset | xr.DataArray, source: str, file_name: str =
         stored = stored.to_dataset(name="intensity").assign_attrs(stored.attrs)
     spectrum = _with_axes(_on_one_list(_in_our_names(stored.load()), source))
     given = spectrum.attrs
+    if not isinstance(given.get("observatory", ""), str):
+        raise InputError(
+            f"{source}: attribute 'observatory' is {given['observatory']!r}: give the name of one spacecraft"
+        )
     if str(given.get("observatory", "")).strip():
         try:
             given["observatory"] = observatory_name(str(given["observatory"]))
@@ -193,7 +197,8 @@ def as_spectrum(stored: xr.Dataset | xr.DataArray, source: str, file_name: str =
     given.setdefault("origin", Origin.USER.value)
     if given["origin"] not in set(Origin):
         raise InputError(f"{source}: attribute 'origin' is {given['origin']!r}: use user, or leave it out")
-    if {"time", "frequency", "intensity"} <= set(spectrum.variables):
+    has_axes = all(axis in spectrum.variables and spectrum[axis].dims == (axis,) for axis in FORM)
+    if has_axes and "intensity" in spectrum.variables:
         spectrum = _in_our_units(spectrum, source)
         _check_age(spectrum["time"].to_numpy(), source, file_name)
         spectrum = _ordered(spectrum)
@@ -279,26 +284,44 @@ def _in_our_units(spectrum: xr.Dataset, source: str) -> xr.Dataset:
     elif time.dtype.kind == "M":
         spectrum = spectrum.assign_coords(time=time.astype("datetime64[ns]"))
     if frequency.dtype.kind in "iuf":
-        unit = re.sub(r"[^a-z]", "", str(frequency.attrs.get("units", "")).lower())
-        if unit not in MHZ and unit:
-            raise InputError(f"{source}: coordinate 'frequency' is in {frequency.attrs['units']!r}: convert it to MHz")
-        mhz = frequency.to_numpy().astype(np.float64) * MHZ.get(unit, 1.0)
-        highest = HIGHEST_MHZ if MHZ.get(unit) == MHZ["khz"] else IMPOSSIBLE_MHZ
-        if unit and not LOWEST_MHZ <= np.nanmax(mhz, initial=0.0) <= highest:
-            raise InputError(
-                f"{source}: coordinate 'frequency' reaches {np.nanmax(mhz, initial=0.0):g} MHz by its unit "
-                f"{frequency.attrs['units']!r}: correct the unit"
-            )
-        if not unit and np.nanmax(mhz, initial=0.0) > HIGHEST_MHZ:
-            raise InputError(
-                f"{source}: coordinate 'frequency' reaches {np.nanmax(mhz):g} and has no unit: give it the attribute "
-                "units, Hz, kHz or MHz"
-            )
-        mhz = np.where(mhz > 0.0, mhz, np.nan)
-        spectrum = spectrum.assign_coords(frequency=(frequency.dims, mhz, {**frequency.attrs, "units": "MHz"}))
+        spectrum = spectrum.assign_coords(frequency=_in_mhz(frequency, source))
     if spectrum["intensity"].dtype.kind in "iuf":
         spectrum = spectrum.assign(intensity=_intensity(spectrum, source))
+    if "flux_sfu_1au" in spectrum and spectrum["flux_sfu_1au"].dtype.kind in "iuf":
+        spectrum = spectrum.assign(flux_sfu_1au=_in(SFU, spectrum["flux_sfu_1au"], source))
     return _with_position(_with_sample_times(spectrum, source))
+
+
+def _in_mhz(frequency: xr.DataArray, source: str) -> xr.Variable:
+    """Frequencies in MHz, NaN for those that are not above zero."""
+    unit = re.sub(r"[^a-z]", "", str(frequency.attrs.get("units", "")).lower())
+    if unit not in MHZ and unit:
+        raise InputError(f"{source}: coordinate 'frequency' is in {frequency.attrs['units']!r}: convert it to MHz")
+    mhz = frequency.to_numpy().astype(np.float64) * MHZ.get(unit, 1.0)
+    highest = HIGHEST_MHZ if MHZ.get(unit) == MHZ["khz"] else IMPOSSIBLE_MHZ
+    if unit and not LOWEST_MHZ <= np.nanmax(mhz, initial=0.0) <= highest:
+        raise InputError(
+            f"{source}: coordinate 'frequency' reaches {np.nanmax(mhz, initial=0.0):g} MHz by its unit "
+            f"{frequency.attrs['units']!r}: correct the unit"
+        )
+    if not unit and np.nanmax(mhz, initial=0.0) > HIGHEST_MHZ:
+        raise InputError(
+            f"{source}: coordinate 'frequency' reaches {np.nanmax(mhz):g} and has no unit: give it the attribute "
+            "units, Hz, kHz or MHz"
+        )
+    mhz = np.where(mhz > 0.0, mhz, np.nan)
+    return xr.Variable(frequency.dims, mhz, {**frequency.attrs, "units": "MHz"})
+
+
+def _in(units: Mapping[str, float], stated: xr.DataArray, source: str) -> xr.DataArray:
+    """Values of a variable in the unit that its name says, from the one that it states, if any."""
+    unit = str(stated.attrs.get("units", "")).lower().strip()
+    if unit and unit not in units:
+        raise InputError(f"{source}: {stated.name} is in {unit!r}: convert it to the unit of its name")
+    if units.get(unit, 1.0) == 1.0:
+        return stated
+    named = next(name for name, factor in units.items() if factor == 1.0)
+    return (stated * units[unit]).assign_attrs({**stated.attrs, "units": named})
 
 
 def _intensity(spectrum: xr.Dataset, source: str) -> xr.DataArray:
@@ -365,7 +388,7 @@ def _with_sample_times(spectrum: xr.Dataset, source: str) -> xr.Dataset:
         spectrum = spectrum.assign(sample_time=filled.transpose(*spectrum["sample_time"].dims))
         late_s = (spectrum["sample_time"] - spectrum["time"]) / np.timedelta64(1, "s")
     elif "sample_offset_s" in spectrum and spectrum["sample_offset_s"].dtype.kind in "iuf":
-        late_s = spectrum["sample_offset_s"].fillna(0.0)
+        late_s = _in(SECONDS, spectrum["sample_offset_s"], source).fillna(0.0)
         spectrum = spectrum.assign(sample_offset_s=late_s)
     if late_s is not None and late_s.size and float(np.abs(late_s).max()) > LONGEST_SWEEP_S:
         raise InputError(

@@ -18,7 +18,7 @@ import numpy as np
 import xarray as xr
 from pydantic import Field
 
-from bella.containers import MAGIC, CdfFile, open_cdf
+from bella.containers import ANOTHER, MAGIC, CdfFile, open_cdf
 from bella.exceptions import InputError
 from bella.records import Origin, Record
 from bella.spectra import psp, solo, stereo, wind
@@ -29,6 +29,16 @@ from bella.spectra.positions import with_stated_positions
 Spectra = tuple[xr.Dataset, ...]
 
 HDF5, NETCDF3, IDL, GZIP, FITS = b"\x89HDF", b"CDF", b"SR\x00", b"\x1f\x8b", b"SIMPLE  ="
+PACKERS = {
+    GZIP: ("gzip", "gunzip"),
+    b"PK\x03\x04": ("zip", "unzip"),
+    b"BZh": ("bzip2", "bunzip2"),
+    b"\xfd7zXZ": ("xz", "unxz"),
+    b"\x28\xb5\x2f\xfd": ("zstd", "unzstd"),
+}
+"""What a file is packed with, and what unpacks it, by its first bytes."""
+
+NUMPY = (".npy", ".npz")
 CONTAINERS = {"cdf": "a CDF", "idl": "an IDL save set", "binary": "a binary", "text": "a table", "cf": "netCDF"}
 ORIGIN_ATTRIBUTE = "Bella_origin"
 """Attribute of a CDF that was not measured: files that `bella simulate` writes say ``simulated`` in it."""
@@ -325,21 +335,29 @@ def open_spectra(path: str | Path) -> Spectra:
     if not path.is_file():
         raise InputError(f"{path} is no file and no Zarr group: check the name")
     head = _head(path)
+    found = find_product(path.name)
+    is_packed_cdf = head.startswith(GZIP) and found is not None and found[0].container == "cdf"
+    if head.startswith(MAGIC) or is_packed_cdf:
+        return _open_archive_cdf(path)
+    _refuse_others(path, head)
+    if head.startswith((HDF5, NETCDF3)):
+        return open_cf(path, "h5netcdf" if head.startswith(HDF5) else "scipy")
+    return _open_other(path, head)
+
+
+def _refuse_others(path: Path, head: bytes) -> None:
+    """Refuse what holds data, but in no form that is read here, with what to do about it."""
     if head.lstrip().lower().startswith((b"<!doctype", b"<html", b"<?xml")):
         raise InputError(f"{path} is a web page, not data: the server answered with an error; download it again")
-    found = find_product(path.name)
-    is_packed = head.startswith(GZIP)
-    if head.startswith(MAGIC) or (is_packed and found is not None and found[0].container == "cdf"):
-        return _open_archive_cdf(path)
     if head.startswith(FITS):
         raise InputError(
             f"{path} is FITS: read it with radiospectra and bella.spectra.from_radiospectra (docs/spectra.md)"
         )
-    if is_packed:
-        raise InputError(f"{path} is packed with gzip: unpack it with gunzip")
-    if head.startswith((HDF5, NETCDF3)):
-        return open_cf(path, "h5netcdf" if head.startswith(HDF5) else "scipy")
-    return _open_other(path, head)
+    if path.suffix.lower() in NUMPY:
+        raise InputError(f"{path} holds arrays of NumPy: write them to netCDF in the form of docs/spectra.md")
+    for begins, (name, unpack) in PACKERS.items():
+        if head.startswith(begins):
+            raise InputError(f"{path} is packed with {name}: unpack it with {unpack}")
 
 
 def _head(path: Path) -> bytes:
@@ -358,9 +376,12 @@ def _open_archive_cdf(path: Path) -> Spectra:
         product, receiver = _product_of(cdf)
         absent = [name for name in product.signature if not cdf.stored_name(name)]
         if absent:
-            raise InputError(f"{path} has no variable {absent[0]!r}: it is not {product.name} as its name says")
+            raise InputError(
+                f"{path} has no variable {absent[0]!r}: it is not {product.name} as its name says; correct its name or "
+                f"{ANOTHER}"
+            )
         if product.read is None:
-            raise InputError(f"{path} is CDF, but {product.name} is not")
+            raise InputError(f"{path} is CDF, but {product.name} is not; correct its name")
         spectra = product.read(cdf, receiver)
         if len({str(one.attrs["observatory"]) for one in spectra}) == 1:
             spectra = tuple(with_stated_positions(cdf, one) for one in spectra)
@@ -424,7 +445,10 @@ def _open_other(path: Path, head: bytes) -> Spectra:
         raise InputError(f"{path} is of no known product: see 'bella formats' for names and forms that can be read")
     product, receiver = found
     if product.container == "cdf" or (product.container == "idl") != head.startswith(IDL):
-        raise InputError(f"{path} is named after {product.name}, but is not {CONTAINERS[product.container]}")
+        raise InputError(
+            f"{path} is named after {product.name}, but is not {CONTAINERS[product.container]}; correct its name, or "
+            "download it again"
+        )
     spectra: Spectra = found[0].read(path, receiver)
     return tuple(_held_against(one, (path.name,), path.name, Origin.ARCHIVE) for one in spectra)
 

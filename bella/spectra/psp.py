@@ -6,7 +6,7 @@ import numpy as np
 import numpy.typing as npt
 import xarray as xr
 
-from bella.containers import CdfFile, TimeArray
+from bella.containers import ANOTHER, CdfFile, TimeArray
 from bella.exceptions import InputError
 from bella.spectra.assembly import (
     Origin,
@@ -126,7 +126,9 @@ def _sum_of_dipoles(cdf: CdfFile, receiver: str, prefix: str, ending: str, quant
         read[dipole[4:]] = _part(cdf, *names, HIGHEST_MHZ[receiver])
         in_unit(read[dipole[4:]].power, cdf.attribute("UNITS", variables[dipole]), quantity)
     if not read:
-        raise InputError(f"{cdf.name}: neither dipole has auto_averages; the receiver was in another mode")
+        raise InputError(
+            f"{cdf.name}: neither dipole has auto_averages; the receiver was in another mode; leave the file out"
+        )
     parts = list(read.values())
     whole = parts[0] if len(parts) == 1 else _union(*parts)
     if whole is None:
@@ -149,7 +151,9 @@ def _part(cdf: CdfFile, epoch: str, frequency: str, variable: str, highest_mhz: 
     if offset_s is not None:
         offset_s = shared_channels(stated_mhz, offset_s, cdf.name)[1]
     if power.shape != (time.size, frequency_mhz.size):
-        raise InputError(f"{cdf.name}: {variable} has the shape {power.shape}, not {(time.size, frequency_mhz.size)}")
+        raise InputError(
+            f"{cdf.name}: {variable} has the shape {power.shape}, not {(time.size, frequency_mhz.size)}; {ANOTHER}"
+        )
     check_clock(time, cdf.name)
     time = without_strays(time)
     order = ascending(time, lambda: np.isfinite(power).sum(axis=1))

@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 import xarray as xr
 
-from bella.containers import CdfFile, TimeArray
+from bella.containers import ANOTHER, CdfFile, TimeArray
 from bella.exceptions import InputError
 from bella.spectra.assembly import Origin, assemble, assemble_sweeps, dwell_s, record_centres, without_strays
 from bella.spectra.beside import Beside, epoch_of, read_records
@@ -48,7 +48,7 @@ def read_l2_hfr(cdf: CdfFile, receiver: str = "hfr") -> tuple[xr.Dataset, ...]:
     power, dipole = _of_one_dipole(cdf, ("AGC1", "AGC2"), HFR_DIPOLES, 1)
     sweep, frequency_mhz = cdf.numbers("SWEEP_NUM", 1), cdf.frequency_mhz("FREQUENCY", "kHz", HIGHEST_MHZ["hfr"])
     if not time.shape == power.shape == sweep.shape == frequency_mhz.shape:
-        raise InputError(f"{cdf.name}: AGC1, SWEEP_NUM, FREQUENCY and Epoch have different lengths")
+        raise InputError(f"{cdf.name}: AGC1, SWEEP_NUM, FREQUENCY and Epoch have different lengths; {ANOTHER}")
     beside = Beside(cdf, time.shape)
     time = without_strays(beside.shifted(time))
     read = np.isfinite(power) & ~np.isnat(time)
@@ -85,14 +85,14 @@ def read_l2_tnr(cdf: CdfFile, receiver: str = "tnr") -> tuple[xr.Dataset, ...]:
     time = beside.shifted(time)
     band, sweep = cdf.numbers("TNR_BAND", 1), cdf.numbers("SWEEP_NUM", 1)
     if not time.size == len(power) == band.size == sweep.size or bands_mhz.shape != (4, power.shape[1]):
-        raise InputError(f"{cdf.name}: AUTO1, TNR_BAND, SWEEP_NUM and TNR_BAND_FREQ do not fit together")
+        raise InputError(f"{cdf.name}: AUTO1, TNR_BAND, SWEEP_NUM and TNR_BAND_FREQ do not fit together; {ANOTHER}")
     time = without_strays(time)
     read = np.isfinite(power).any(axis=1) & ~np.isnat(time) & np.isin(band, range(4))
     if cdf.has_records("FRONT_END"):
         read &= cdf.numbers("FRONT_END", 1) == PREAMPLIFIER
     order = np.flatnonzero(read)[np.argsort(time[read], kind="stable")]
     if not order.size:
-        raise InputError(f"{cdf.name}: no band of a dipole was read")
+        raise InputError(f"{cdf.name}: no band of a dipole was read; leave the file out")
     row = np.unique(_counted(sweep[order]), return_inverse=True)[1]
     spectrum = _tnr_records(cdf.name, row, band[order].astype(int), time[order], power[order], bands_mhz)
     return (beside.noted(spectrum.assign_attrs(sensor=dipole, receiver=receiver.upper())),)
@@ -152,7 +152,9 @@ def _of_one_dipole(
     read = [cdf.numbers(variable, dimensions) for variable in channels]
     for variable, power in zip(channels, read, strict=True):
         if sensor.shape != (power.shape[0], 2):
-            raise InputError(f"{cdf.name}: SENSOR_CONFIG has the shape {sensor.shape}, not {(power.shape[0], 2)}")
+            raise InputError(
+                f"{cdf.name}: SENSOR_CONFIG has the shape {sensor.shape}, not {(power.shape[0], 2)}; {ANOTHER}"
+            )
         power[~(power > 0.0)] = np.nan
         in_unit(power, cdf.attribute("UNITS", variable), "psd_v2_hz")
         Beside(cdf, power.shape, variable).clear(power)
@@ -161,7 +163,7 @@ def _of_one_dipole(
         sum(int(((sensor[:, column] == dipole) & has_data[column]).sum()) for column in range(2)) for dipole in dipoles
     ]
     if not max(counts):
-        raise InputError(f"{cdf.name}: no dipole was read")
+        raise InputError(f"{cdf.name}: no dipole was read; leave the file out")
     dipole = dipoles[int(np.argmax(counts))]
     for column, power in enumerate(read):
         power[sensor[:, column] != dipole] = np.nan

@@ -7,7 +7,7 @@ import numpy as np
 import numpy.typing as npt
 import xarray as xr
 
-from bella.containers import CdfFile, in_mhz, reading
+from bella.containers import ANOTHER, CdfFile, in_mhz, reading
 from bella.exceptions import InputError
 from bella.spectra.assembly import Origin, assemble, date_of, shared_channels
 from bella.spectra.beside import Beside, epoch_of, longest_dwell_s, read_records, timed
@@ -67,7 +67,7 @@ def read_level2(cdf: CdfFile, receiver: str = "") -> tuple[xr.Dataset, ...]:
     )
     seen = tuple(one for one in spectra if np.isfinite(one["intensity"]).any())
     if not seen:
-        raise InputError(f"{cdf.name} holds no data of either spacecraft")
+        raise InputError(f"{cdf.name} holds no data of either spacecraft; leave it out")
     return seen
 
 
@@ -192,7 +192,7 @@ def read_text(path: Path, receiver: str) -> tuple[xr.Dataset, ...]:
     midnight = date_of(path.name)
     with reading(str(path), "a table of STEREO/WAVES averages"):
         if path.stat().st_size > LARGEST_TEXT:
-            raise InputError(f"{path.name} is too large for one day of this product")
+            raise InputError(f"{path.name} is too large for one day of this product; {ANOTHER}")
         lines = path.read_text(encoding="utf-8-sig", errors="replace").splitlines()
         first, second, *lines = [line for line in lines if line.strip() and line.lstrip()[0] not in REMARKS]
         stated_khz = np.array(first.split(), dtype=np.float64)

@@ -20,7 +20,7 @@ from bella.spectra.assembly import assemble
 from bella.spectra.cf_files import ZARR_MARKS
 from bella.spectra.combination import by_observatory_of_what_fits
 from bella.spectra.positions import ReceiverPosition, receiver_position
-from bella.spectra.products import FITS, GZIP, HDF5, IDL, NETCDF3, find_product, open_spectra
+from bella.spectra.products import FITS, HDF5, IDL, NETCDF3, PACKERS, find_product, open_spectra
 
 if TYPE_CHECKING:
     from radiospectra.spectrogram import GenericSpectrogram
@@ -29,7 +29,7 @@ ENDINGS = (".nc", ".nc4", ".netcdf", ".cdf", ".cdf.gz")
 HEADS = (HDF5, NETCDF3, *MAGIC)
 """First bytes of what is read whatever its name ends in."""
 
-DATA_HEADS = (FITS, IDL, GZIP, b"PK\x03\x04", b"BZh", b"\xfd7zXZ", b"\x28\xb5\x2f\xfd", b"\x93NUMPY")
+DATA_HEADS = (FITS, IDL, *PACKERS, b"\x93NUMPY")
 DATA_ENDINGS = (
     *(".fits", ".fit", ".fts", ".h5", ".hdf5", ".hdf", ".he5", ".sav", ".dat", ".bin", ".npy", ".npz", ".mat"),
     *(".gz", ".bz2", ".xz", ".zip", ".tar", ".tgz", ".grb", ".pkl", ".parquet", ".feather", ".r1", ".r2"),

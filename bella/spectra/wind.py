@@ -13,7 +13,7 @@ import numpy.typing as npt
 import xarray as xr
 from scipy.io import readsav
 
-from bella.containers import CdfFile, NumberArray, in_mhz, inflate, reading
+from bella.containers import ANOTHER, CdfFile, NumberArray, in_mhz, inflate, reading
 from bella.exceptions import InputError
 from bella.spectra.assembly import Origin, assemble, assemble_sweeps, cadence_s, date_of, shared_channels
 from bella.spectra.beside import Beside, epoch_of, read_records, timed
@@ -81,7 +81,9 @@ def read_h1(cdf: CdfFile, receiver: str = "") -> tuple[xr.Dataset, ...]:
     del receiver
     held = [name for name in ("TNR", "RAD1", "RAD2") if cdf.first_with_data(f"E_VOLTAGE_{name}")]
     if not held:
-        raise InputError(f"{cdf.name} holds no data of RAD1, RAD2 or TNR: it is not the product it is named after")
+        raise InputError(
+            f"{cdf.name} holds no data of RAD1, RAD2 or TNR: it is not the product it is named after; {ANOTHER}"
+        )
     time = cdf.utc(epoch_of(cdf, f"E_VOLTAGE_{held[-1]}"))
     # least memory is used at a time if those come last that take least to read
     by_name = {name: _h1_receiver(cdf, name, time) for name in held}
@@ -136,7 +138,9 @@ def read_l2(cdf: CdfFile, receiver: str) -> tuple[xr.Dataset, ...]:
     variable, density = _fullest(cdf, DENSITIES)
     frequency_mhz = stated_mhz if stated_mhz.ndim == 2 else stated_mhz[: density.shape[1]]
     if frequency_mhz.shape[-1] != density.shape[1]:
-        raise InputError(f"{cdf.name}: {stated_mhz.shape[-1]} frequencies for {density.shape[1]} columns of {variable}")
+        raise InputError(
+            f"{cdf.name}: {stated_mhz.shape[-1]} frequencies for {density.shape[1]} columns of {variable}; {ANOTHER}"
+        )
     each = max(1.0, float(np.median(np.isfinite(density).sum(axis=1))))
     longest_s = np.inf if receiver == "tnr" else cadence_s(time) / each
     origin = Origin(OBSERVATORY, receiver.upper(), "psd_v2_hz", cdf.name, longest_s)
@@ -162,7 +166,9 @@ def _fullest(cdf: CdfFile, variables: tuple[str, ...]) -> tuple[str, NumberArray
     if best is None:
         held = [name for name in variables if cdf.stored_name(name)]
         if not held:
-            raise InputError(f"{cdf.name} has no variable {variables[0]!r}: it is not the product it is named after")
+            raise InputError(
+                f"{cdf.name} has no variable {variables[0]!r}: it is not the product it is named after; {ANOTHER}"
+            )
         raise InputError(f"{cdf.name}: {', '.join(held)} are empty: the receiver was off; leave the file out")
     return best[1:]
 
@@ -272,7 +278,9 @@ def read_60s(path: Path, receiver: str) -> tuple[xr.Dataset, ...]:
         headers = [header for header, _ in records]
         units = {header[10] for header in headers}
         if len(units) != 1 or units <= {1} or not units <= set(UNITS):
-            raise InputError(f"{path.name} is in units {sorted(units)}: only one of {sorted(UNITS)} has a meaning here")
+            raise InputError(
+                f"{path.name} is in units {sorted(units)}: only one of {sorted(UNITS)} has a meaning here; {ANOTHER}"
+            )
         quantity, factor = UNITS[units.pop()]
         frequency_khz, mean = _matrix([block[0] for _, block in records]), _matrix([block[1] for _, block in records])
         mean[~((mean > 0.0) & (mean < 1e30))] = np.nan
@@ -368,7 +376,9 @@ def read_idl(path: Path, receiver: str) -> tuple[xr.Dataset, ...]:
         _walk_idl(_content(path))
         stored = readsav(str(path))
         if "arrayb" not in stored or np.shape(stored["arrayb"]) != (MINUTES + 1, CHANNELS):
-            raise InputError(f"{path.name} has no array 'arrayb' of {CHANNELS} channels and {MINUTES + 1} columns")
+            raise InputError(
+                f"{path.name} has no array 'arrayb' of {CHANNELS} channels and {MINUTES + 1} columns; {ANOTHER}"
+            )
         columns = np.asarray(stored["arrayb"], dtype=np.float32)
     ratio, background = np.where(columns[:-1] > 0.0, columns[:-1], np.nan), columns[-1]
     time = midnight + np.arange(MINUTES) * np.timedelta64(60, "s") + np.timedelta64(30, "s")
@@ -382,7 +392,7 @@ def read_idl(path: Path, receiver: str) -> tuple[xr.Dataset, ...]:
 def _content(path: Path) -> bytes:
     size = path.stat().st_size
     if size > LARGEST_FILE:
-        raise InputError(f"{path.name} has {size} bytes, too many for one day of this product")
+        raise InputError(f"{path.name} has {size} bytes, too many for one day of this product; {ANOTHER}")
     return path.read_bytes()
 
 

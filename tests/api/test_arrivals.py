@@ -231,7 +231,7 @@ BROKEN: dict[str, tuple[str, list[str]]] = {
     "edge as a path": (text(table().assign(edge="../x")), ["column edge", "letters, digits"]),
     "future": (text(table(shift_s=86400.0 * 365 * 100)), ["row 1", "column arrival_utc"]),
     "empty": ("", ["not a CSV table"]),
-    "not text": ("\x00\x01", ["column observatory"]),
+    "not text": ("\x00\x01", ["names one column"]),
 }
 
 

@@ -50,6 +50,37 @@ def test_answer_grade_and_picture_are_seen_first(watch: Watch, burst_path: str) 
     watch.photograph(f"burst-{size['width']}-{'dark' if scheme else 'light'}", full_page=True)
 
 
+SLOW = {"offline": False, "latency": 200, "downloadThroughput": 20_000, "uploadThroughput": 20_000}
+PAINTED = """() => [
+  performance.getEntriesByName("first-contentful-paint")[0].startTime,
+  performance.getEntriesByType("navigation")[0].responseEnd,
+]"""
+
+
+@pytest.mark.parametrize("watch", [PHONE], indirect=True)
+def test_on_a_slow_network_the_answer_is_painted_before_the_rest_of_its_page_has_come(
+    watch: Watch, burst_path: str
+) -> None:
+    watch.page.context.new_cdp_session(watch.page).send("Network.emulateNetworkConditions", SLOW)
+    page = watch.open(burst_path)
+    painted, whole = page.evaluate(PAINTED)
+    assert painted < whole
+    assert "".join(page.content().partition('id="answer"')[:2]).count("<svg") <= 1, "the answer comes before figures"
+
+
+NARROW = """() => [...document.querySelectorAll(".scroll")].filter(one => one.scrollWidth > one.clientWidth + 1)
+  .map(one => one.textContent.trim().slice(0, 40))"""
+
+
+@pytest.mark.parametrize("watch", [PHONE], indirect=True)
+@pytest.mark.parametrize("path", ["", "/status", "/planning?day=2013-05-13", "/api/v1/docs"])
+def test_nothing_scrolls_sideways_on_a_phone(watch: Watch, burst_path: str, path: str) -> None:
+    page = watch.open(path or burst_path)
+    page.evaluate("document.querySelectorAll('details').forEach(one => { one.open = true })")
+    assert page.evaluate(NARROW) == []
+    assert page.evaluate("document.documentElement.scrollWidth") <= 390
+
+
 def test_first_visit_is_light_and_needs_nobody_else(watch: Watch, burst_path: str) -> None:
     sizes: list[int] = []
     watch.page.on("requestfinished", lambda one: sizes.append(one.sizes()["responseBodySize"]))

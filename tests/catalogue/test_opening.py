@@ -3,6 +3,7 @@
 import sqlite3
 import subprocess
 import sys
+from contextlib import closing
 from pathlib import Path
 
 import pytest
@@ -119,8 +120,9 @@ def test_damage_inside_is_found_by_the_next_process(
 ) -> None:
     with Catalogue.open(sqlite_url, create=True) as catalogue:
         catalogue.publish(publication())
-    pages = (tmp_path / "catalogue.sqlite").stat().st_size // 4096
-    damage(tmp_path / "catalogue.sqlite", slice(4096 * (pages - 1), 4096 * pages))
+    with closing(sqlite3.connect(tmp_path / "catalogue.sqlite")) as known:
+        (page,) = known.execute("SELECT rootpage FROM sqlite_master WHERE name = 'localisation'").fetchone()
+    damage(tmp_path / "catalogue.sqlite", slice(4096 * (page - 1), 4096 * page))
     Catalogue.open(sqlite_url).close()  # this process has checked the file already
     monkeypatch.setattr("bella.catalogue.schema._SOUND_FILES", set())
     with pytest.raises(StoreError, match="is damaged"):
@@ -264,3 +266,20 @@ def test_opening_twice_in_a_process_keeps_its_locks(sqlite_url: str, tmp_path: P
         first.submit("ann", "1" * 64, "S-2")
     with Catalogue.open(sqlite_url) as again:
         assert [one.sha256 for one in again.pending_submissions()] == ["0" * 64, "1" * 64]
+
+
+def test_a_server_that_was_started_again_is_asked_again(postgres_url: str) -> None:
+    others = "SELECT pg_terminate_backend(pid) FROM pg_stat_activity WHERE datname = '{}' AND pid <> pg_backend_pid()"
+    name, server = make_url(postgres_url).database, make_url(postgres_url).set(database="postgres")
+    elsewhere = server.render_as_string(hide_password=False)
+    with Catalogue.open(postgres_url, create=True) as catalogue:
+        before = catalogue.state()
+        assert catalogue.state() == before
+        execute(elsewhere, others.format(name))
+        assert catalogue.state() != before, "what was kept is not trusted"
+        execute(elsewhere, f'ALTER DATABASE "{name}" ALLOW_CONNECTIONS false')
+        execute(elsewhere, others.format(name))
+        with pytest.raises(UnreachableError):
+            catalogue.state()
+        execute(elsewhere, f'ALTER DATABASE "{name}" ALLOW_CONNECTIONS true')
+        assert catalogue.state()

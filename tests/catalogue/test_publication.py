@@ -54,6 +54,8 @@ def test_companions_are_added_once_and_nothing_else_of_a_solution_changes(catalo
     assert [one.burst.burst_id for one in catalogue.bursts(BurstQuery(updated_since=before)).bursts] == [first.burst_id]
     with pytest.raises(NoDataError):
         catalogue.add_companions(f"{first.solution_id}9", beside)
+    other = catalogue.publish(publication(track_fit=track, inputs_hash="f" * 64))
+    assert not catalogue.add_companions(other.solution_id, beside)["companions_pending"], "without a lease"
 
 
 def test_a_superseded_solution_waits_for_no_companions(catalogue: Catalogue) -> None:

@@ -3,7 +3,7 @@
 import json
 import os
 import sys
-from datetime import datetime, timedelta
+from datetime import date, datetime, timedelta
 from typing import Any
 
 from bella.exceptions import StoreError, UnreachableError
@@ -15,8 +15,10 @@ prepare(Settings())
 import prefect  # noqa: E402
 from prefect import flow  # noqa: E402
 from prefect.client.orchestration import get_client  # noqa: E402
+from prefect.client.schemas.sorting import FlowRunSort  # noqa: E402
 from prefect.states import Cancelled, Pending, Running, State  # noqa: E402
 
+from bella.pipeline.burst import Choice  # noqa: E402
 from flows import days, serve, tasks  # noqa: E402
 from flows.embedded import prefect_server  # noqa: E402
 
@@ -67,6 +69,17 @@ def tried() -> dict[str, object]:
     return {"results": _all(), "tried": {name: asked.count(name) for name in dict.fromkeys(asked)}}
 
 
+def silent() -> list[str]:
+    """Type and message of the state of a run over a day whose archive does not answer."""
+    folder = Settings().home / "moved"
+    folder.mkdir()
+    state = days.process_range([date(2021, 2, 1)], str(folder), Choice(), return_state=True)
+    with get_client(sync_client=True) as client:
+        (kept,) = client.read_flow_runs(sort=FlowRunSort.START_TIME_DESC, limit=1)
+    assert kept.state is not None
+    return [state.type.value, kept.state.type.value, str(kept.state.message)]
+
+
 def served() -> list[str]:
     """Deployments of a worker that was given no names."""
     found: list[str] = []
@@ -93,5 +106,5 @@ def watched() -> list[tuple[float, float, int]]:
 
 if __name__ == "__main__":
     with prefect_server():
-        found = {"ended": ended(), **tried(), "served": served(), "watched": watched()}
+        found = {"ended": ended(), **tried(), "silent": silent(), "served": served(), "watched": watched()}
         sys.stdout.write(json.dumps(found) + "\n")

@@ -75,6 +75,12 @@ def test_a_task_is_tried_three_times_where_that_may_help_and_nothing_is_remember
     }
 
 
+def test_a_run_over_days_that_the_archive_did_not_answer_for_has_failed(with_prefect: dict[str, Any]) -> None:
+    given, kept, message = with_prefect["silent"]
+    assert (given, kept) == ("FAILED", "FAILED")
+    assert "1 of 1 day is not done: 2021-02-01" in message
+
+
 def test_a_worker_serves_all_but_what_needs_a_way_to_the_archives(with_prefect: dict[str, Any]) -> None:
     assert set(with_prefect["served"]) == NAMES - {"ingest"}
 

@@ -32,7 +32,10 @@ def test_random_damage_is_read_or_refused(tmp_path: Path) -> None:
     end, tried, slowest_s = time.monotonic() + BUDGET_S, 0, 0.0
     while tried < wanted if wanted else tried < len(sources) or time.monotonic() < end:
         read, copies = sources[tried % len(sources)]
-        slowest_s = max(slowest_s, attempt(next(copies), read).seconds)
+        copy = next(copies)
+        outcome = attempt(copy, read)
+        assert outcome.read or (copy.stem in outcome.message and "\n" not in outcome.message)
+        slowest_s = max(slowest_s, outcome.seconds)
         tried += 1
 
     assert slowest_s < SECONDS

@@ -8,7 +8,7 @@ from bella.catalogue import Catalogue
 from bella.catalogue.engine import connect, parse_url, writing
 from bella.catalogue.models import TrackFitRow, table_of
 from tests.catalogue.examples import fitted, publication
-from tests.migrations.test_revisions import migrate
+from tests.migrations.test_revisions import REVISIONS, migrate
 
 
 def test_only_the_newest_version_expects_companions(database_url: str) -> None:
@@ -20,7 +20,7 @@ def test_only_the_newest_version_expects_companions(database_url: str) -> None:
     with writing(engine) as connection:
         connection.execute(update(fits).values(fit=fit))
     migrate(engine, "0008")
-    migrate(engine, "0009")
+    migrate(engine, REVISIONS[-1])
     engine.dispose()
     with closing(Catalogue.open(database_url)) as catalogue:
         assert catalogue.track_fit(first.solution_id) == fit | {"companions_pending": False}

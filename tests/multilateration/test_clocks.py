@@ -130,3 +130,16 @@ def test_positions_hold_where_a_clock_is_late() -> None:
     # without the allowance they hold .32 and .7; the bursts are few, and the positions of one are wrong together
     assert 0.45 < held68 / total < 0.9
     assert held95 / total > 0.8
+
+
+def test_clocks_that_are_not_looked_at_further_are_unlikely(monkeypatch) -> None:
+    grid = burst(FIVE, 3, np.array([0, 0, 20.0, 0, 0]))
+    recipe = Recipe("posterior", PLAIN, 2, 10, 0)
+    moments = exact_posterior(grid, recipe, lambda _: None).moments
+    check = check_clocks(grid, moments.mean, PLAIN.priors, PLAIN.delay)
+    usual = late_clocks(grid, check, recipe, moments.log_evidence)
+    monkeypatch.setattr("bella.multilateration.checks.FAR_NATS", np.inf)
+    every = late_clocks(grid, check, recipe, moments.log_evidence)
+
+    assert usual.late_s.tolist() == every.late_s.tolist()
+    np.testing.assert_allclose(usual.log_weight, every.log_weight, atol=1e-9)

@@ -144,12 +144,12 @@ def test_a_receiver_that_is_away_for_a_day_misses_nothing(service: Service, rece
         service.publish("h", f"T3-other-{number}")
     tries = 0
     while tries < 200 and service.now < START + timedelta(hours=24):
-        tries += service.deliver(240).away
+        tries += service.deliver(600).away
     assert receiver.taken == []
     assert 48 <= tries <= 70
     receiver.answer = lambda _: 200
     for _ in range(10):
-        service.deliver(240)
+        service.deliver(600)
     assert sorted(receiver.sequences) == list(range(1, 11))
     own = [one["sequence"] for one in receiver.taken if one["event_name"] == "T3-20120607-1929"]
     assert own == [1, 3, 5, 7, 9]

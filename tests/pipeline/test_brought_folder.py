@@ -15,8 +15,9 @@ from bella.arrivals import POSITION
 from bella.bursts.detection import search
 from bella.catalogue import BurstQuery, Catalogue, DetectionQuery
 from bella.cli import app
-from bella.exceptions import InputError
+from bella.exceptions import InputError, StoreError
 from bella.pipeline.day import with_stated_positions
+from bella.pipeline.day_files import BroughtFolder
 from bella.pipeline.outcome import UnfinishedError
 from bella.records import DayAnswer, Origin
 from bella.settings import Settings
@@ -95,6 +96,16 @@ def test_days_that_a_folder_does_not_have_are_refused(
     done = CliRunner().invoke(app, ["run", "--spectra", str(folder), "--home", str(tmp_path / "home"), *more])
     assert isinstance(done.exception, InputError)
     assert said in str(done.exception)
+
+
+def test_a_file_that_has_gone_is_the_disk_and_what_was_read_is_not_read_again(folder: Path, tmp_path: Path) -> None:
+    settings = Settings(home=tmp_path / "home", in_situ=None, regions=None)
+    first, later = BroughtFolder(folder, settings), BroughtFolder(folder, settings)
+    known = first.day(DAY)
+    (folder / "wind.nc").unlink()
+    assert first.day(DAY).inputs_hash == known.inputs_hash
+    with pytest.raises(StoreError, match=r"wind\.nc cannot be read \(No such file or directory\): check the disk"):
+        later.day(DAY)
 
 
 @pytest.mark.parametrize(("name", "moves"), [("STEREO-A", True), ("MARSIS", False)])

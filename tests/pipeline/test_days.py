@@ -10,7 +10,7 @@ import pandas as pd
 import pytest
 
 from bella.catalogue import Catalogue
-from bella.pipeline.day import known_burst_ids, known_bursts
+from bella.pipeline.day import _searched, known_burst_ids, known_bursts
 from bella.pipeline.draw import detection_frame, draw_day, redraw_day
 from bella.settings import Settings
 from tests.catalogue.examples import publication
@@ -99,3 +99,10 @@ def test_a_detection_table_has_utc_without_a_zone_also_when_empty() -> None:
         table = detection_frame(found)
         assert {str(table[name].dtype) for name in ("start_utc", "peak_utc", "end_utc")} == {"datetime64[ns]"}
     assert table["start_utc"][0] == pd.Timestamp("2020-07-21 03:00")
+
+
+def test_a_spectrum_of_an_unknown_kind_is_named_and_costs_the_day_no_other() -> None:
+    found, reasons = _searched({"SOLO": spectrum(), "WIND": spectrum(quantity="counts")})
+    assert [one.observatory for one in found] == ["SOLO"]
+    (reason,) = (one for one in reasons if one.startswith("WIND: "))
+    assert "counts" in reason

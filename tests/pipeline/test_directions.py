@@ -13,7 +13,7 @@ from bella.multilateration import localise
 from bella.pipeline.day import FoundDay, search_day, timed_burst
 from bella.pipeline.inputs import BurstInput
 from bella.pipeline.surroundings import surroundings_of
-from bella.pipeline.tracks import Timing
+from bella.pipeline.tracks import Timing, burst_directions
 from bella.settings import Settings
 from bella.simulation.archive_days import simulate_days
 from tests.pipeline.examples import files_of, whole_track
@@ -91,3 +91,11 @@ def test_a_burst_of_arrival_times_alone_says_so(given: BurstInput) -> None:
     for name, words in (("triangulation", "no wave directions"), ("fused", "neither wave directions nor")):
         assert companions[name]["flags"] == ["not_computed"]
         assert words in companions[name]["reason"]
+
+
+def test_spectra_without_a_record_of_the_burst_have_no_directions_and_end_nothing(found: FoundDay) -> None:
+    (burst,) = [one for one in found.bursts if one.edges and one.found.start_utc.hour == 16]
+    spectra = [one.searched.over for one in burst.found.members]
+    start = burst.found.start_utc.to_datetime64()
+    window = (start - np.timedelta64(9, "D"), start - np.timedelta64(8, "D"))
+    assert burst_directions(spectra, window, (0.3, 1.0)).empty

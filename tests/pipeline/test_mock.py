@@ -1,5 +1,6 @@
 """The mock burst goes the way of real ones, and is never taken for one."""
 
+import tempfile
 from contextlib import closing
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
@@ -57,13 +58,13 @@ def test_old_ones_are_removed_with_their_files_and_nothing_else(sent: tuple[Sett
     assert not (settings.figures_root / run.burst_id).exists()
 
 
-def test_what_fails_is_noted_with_its_reason(tmp_path: Path) -> None:
+def test_what_fails_is_noted_with_its_reason(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     settings = Settings(home=tmp_path)
-    settings.store_root.write_text("a file where the store should be")
+    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path / "not-there"))
     with pytest.raises((BellaError, OSError)):
         run_mock_burst(settings, NOW)
     with closing(Catalogue.open(settings.catalogue_url)) as catalogue:
         run = catalogue.operation.last_mock()
     assert run is not None
     assert run.state == "failed"
-    assert run.message
+    assert "not-there" in run.message

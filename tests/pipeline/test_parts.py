@@ -2,9 +2,10 @@
 
 import hashlib
 import json
+import pickle
 from contextlib import closing
 from dataclasses import replace
-from datetime import UTC, datetime
+from datetime import UTC, date, datetime
 from pathlib import Path
 from typing import Any
 
@@ -32,10 +33,12 @@ from bella.exceptions import (
 from bella.flags import APPARENT_SOURCE
 from bella.multilateration import localise
 from bella.pipeline import progress
+from bella.pipeline.day_files import ANSWERS, _sha256, remember_answers
 from bella.pipeline.inputs import load_burst
+from bella.pipeline.outcome import FAILED, DayOutcome, UnfinishedError
 from bella.pipeline.publication import PLACES, Draft, inputs_hash, publish, solution_flags
 from bella.pipeline.run import check_unchanged
-from bella.pipeline.surroundings import surroundings_of
+from bella.pipeline.surroundings import fitted_spiral, surroundings_of
 from bella.pipeline.tracks import Timing, attempted
 from bella.pipeline.workers import prepare
 from bella.records import Origin
@@ -200,6 +203,10 @@ def test_burst_of_one_frequency_is_published_without_a_spiral(tmp_path: Path, lo
     posterior = localise(alone, draws=settings.draws)
     with closing(Catalogue.open(settings.catalogue_url, create=True)) as catalogue:
         draft = Draft(given.burst, SERIES, "0" * 64, posterior, track_fit(posterior), given.sources)
+        swept = replace(draft, burst=replace(given.burst, spectra_path="nowhere/spectra.zarr.zip"))
+        with pytest.raises(StoreError, match=r"spectra\.zarr\.zip has left the store"):
+            publish(swept, catalogue, settings)
+        assert catalogue.bursts().total == 0
         solution = publish(draft, catalogue, settings)
     assert "too_few_positions" in solution.flags
     with TestClient(create_app(settings)) as client:
@@ -259,3 +266,32 @@ def test_environment_keeps_what_an_operator_has_set(tmp_path: Path, monkeypatch:
     assert os.environ["PREFECT_HOME"] == str(tmp_path / "home" / "prefect")
     assert os.environ["DO_NOT_TRACK"] == "1"
     assert os.environ["PREFECT_LOGGING_LEVEL"] == "kept"
+
+
+def test_days_that_were_not_finished_come_back_whole_from_another_process() -> None:
+    days = (DayOutcome(date(2021, 2, 1), FAILED, message="the disk is full"),)
+    back = pickle.loads(pickle.dumps(UnfinishedError("1 of 1 days failed", days)))
+    assert (str(back), back.outcomes) == ("1 of 1 days failed", days)
+    assert days[0].new == 0
+
+
+def test_a_folder_that_a_user_brings_counts_with_all_that_is_in_it(tmp_path: Path) -> None:
+    store = tmp_path / "mine.zarr"
+    (store / "c").mkdir(parents=True)
+    (store / "zarr.json").write_text("{}")
+    sums = set()
+    for name, content in (("0", b"a"), ("0", b"b"), ("1", b"b")):
+        (store / "c" / name).write_bytes(content)
+        sums.add(_sha256(store))
+    assert len(sums) == 3
+
+
+def test_answers_that_cannot_be_kept_are_the_disk(tmp_path: Path) -> None:
+    (tmp_path / ANSWERS).write_text("")
+    with pytest.raises(StoreError, match=r"mirror .* cannot be written \(File exists\): make room"):
+        remember_answers([], tmp_path)
+
+
+def test_a_track_that_was_not_fitted_has_no_spiral_to_draw() -> None:
+    known = {"phi0_deg": {"mean": 10.0}, "v_sw_km_s": {"mean": None}}
+    assert all(fitted_spiral(xr.Dataset(), one) is None for one in ({}, {"phi0_deg": {"mean": 10.0}}, known))

@@ -291,10 +291,12 @@ def test_days_and_origins_choose(home: Settings, change: dict[str, Any], expecte
 def test_pieces_are_small_and_make_the_whole(
     frozen: Path, home: Settings, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(bella.pipeline.release, "PIECE_ROWS", 7)
+    monkeypatch.setattr(bella.pipeline.release, "PIECE_ROWS", 2)
     folder = tmp_path / make_release(home, LABEL, tmp_path).name
-    file = Path("localisations") / "2012-06.parquet"
-    assert pq.ParquetFile(folder / file).metadata.num_row_groups == 7
+    for name in ("localisations", "bursts"):
+        number = len(rows_of(frozen, name))
+        assert pq.ParquetFile(folder / name / "2012-06.parquet").metadata.num_row_groups == (number + 1) // 2
+    assert number == 2, "a table that ends with a piece"
     assert rows_of(folder, "localisations") == rows_of(frozen, "localisations")
     assert rows_of(folder, "arrivals") == rows_of(frozen, "arrivals")
 
@@ -539,6 +541,31 @@ def test_two_processes_do_not_make_the_same_release(home: Settings, tmp_path: Pa
         os.close(handle)
     make_release(home, LABEL, tmp_path)
     assert names_in(tmp_path) == ["bella-2026.1"]
+
+
+def test_a_release_that_was_made_a_moment_ago_is_not_replaced(
+    home: Settings, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    take = fcntl.flock
+
+    def too_late(handle: int, how: int) -> None:
+        (tmp_path / ".bella-2026.1.staging").rename(tmp_path / "bella-2026.1")
+        take(handle, how)
+
+    monkeypatch.setattr("fcntl.flock", too_late)
+    with pytest.raises(InputError, match="a release is never changed"):
+        make_release(home, LABEL, tmp_path)
+    assert names_in(tmp_path) == ["bella-2026.1"]
+
+
+def test_a_burst_whose_only_solution_was_retracted_has_no_track(tmp_path: Path) -> None:
+    settings = Settings(home=tmp_path / "home", database_url=None)
+    with Catalogue.open(settings.catalogue_url, create=True) as catalogue:
+        publish_many(settings, catalogue, 1)
+        catalogue.retract(published(settings, catalogue, frequencies=np.array([0.25])).solution_id, "a wrong edge")
+    release = make_release(settings, LABEL, tmp_path)
+    assert (release.rows["bursts"], release.rows["tracks"], release.posteriors) == (2, 1, 1)
+    assert verify_release(tmp_path / release.name) == release
 
 
 def test_columns_of_another_version_are_named(frozen: Path) -> None:

@@ -41,10 +41,9 @@ def test_results_come_in_the_order_of_what_was_asked(tmp_path: Path) -> None:
 
 def test_a_worker_that_is_killed_is_an_error_that_may_pass_and_its_place_is_free_again(tmp_path: Path) -> None:
     with Workers(2, Settings(home=tmp_path)) as workers:
-        for _ in range(2):
-            with pytest.raises(WorkerLostError, match="try again") as caught:
-                workers.map(killed, [(), (), ()])
-            assert caught.value.retriable
+        with pytest.raises(WorkerLostError, match="try again") as caught:
+            workers.map(killed, [(), (), ()])
+        assert caught.value.retriable
         assert workers.map(square, [(1,), (2,), (3,)]) == [1, 4, 9]
 
 
@@ -121,3 +120,11 @@ def test_processes_have_one_thread_whoever_starts_them(tmp_path: Path, monkeypat
     monkeypatch.delenv("OMP_NUM_THREADS", raising=False)
     with Workers(2, Settings(home=tmp_path)) as workers:
         assert workers.call(os.getenv, "OMP_NUM_THREADS") == "1"
+
+
+def test_processes_begin_to_load_before_they_are_asked_for_anything(tmp_path: Path) -> None:
+    for number in (1, 2):
+        with Workers(number, Settings(home=tmp_path)) as workers:
+            workers.start()
+            assert bool(multiprocessing.active_children()) == (number > 1)
+            assert workers.call(square, 3) == 9

@@ -1,6 +1,8 @@
 """Damaged, cut and mistaken files end in one line that names file and reason, quickly and in little memory."""
 
+import bz2
 import gzip
+import lzma
 import re
 import struct
 import sys
@@ -298,11 +300,34 @@ def test_a_file_packed_with_gzip_is_read(wind_l2: Path) -> None:
     assert "cannot be read as CDF" in attempt(packed).message
 
 
-def test_what_is_packed_and_no_cdf_says_how_to_unpack(tmp_path: Path) -> None:
-    path = tmp_path / "wi_wa_rad1_l2_60s_20120607_v01.dat.gz"
-    path.write_bytes(gzip.compress(b"x" * 100))
+def test_times_that_a_file_claims_take_little_more_memory_than_their_own(wind_l2: Path) -> None:
+    content, claimed = bytearray(wind_l2.read_bytes()), 7_000_000
+    struct.pack_into(">i", content, first_variable(content) + 24, claimed - 1)
+    wind_l2.write_bytes(content)
 
-    assert attempt(path).message == f"{path} is packed with gzip: unpack it with gunzip"
+    refused = attempt(wind_l2, memory=True)
+
+    assert f"{claimed} times" in refused.message
+    assert refused.peak_bytes < 3.5 * 8 * claimed
+
+
+@pytest.mark.parametrize(
+    ("name", "pack", "said"),
+    [
+        ("wi_wa_rad1_l2_60s_20120607_v01.dat.gz", gzip.compress, "is packed with gzip: unpack it with gunzip"),
+        ("mine.nc.bz2", bz2.compress, "is packed with bzip2: unpack it with bunzip2"),
+        ("mine.nc.xz", lzma.compress, "is packed with xz: unpack it with unxz"),
+        ("mine.zarr.zip", lambda content: b"PK\x03\x04" + content, "is packed with zip: unpack it with unzip"),
+        ("mine.npz", lambda content: b"PK\x03\x04" + content, "holds arrays of NumPy: write them to netCDF"),
+    ],
+)
+def test_what_is_packed_and_no_cdf_says_how_to_unpack(
+    tmp_path: Path, name: str, pack: Callable[[bytes], bytes], said: str
+) -> None:
+    path = tmp_path / name
+    path.write_bytes(pack(b"x" * 100))
+
+    assert f"{path} {said}" in attempt(path).message
 
 
 def test_the_process_that_reads_is_started_anew_after_a_crash(wind_l2: Path) -> None:

@@ -130,6 +130,27 @@ def test_fill_values_are_no_data(tmp_path: Path, fill: float, attribute: str | N
     assert int(np.isnan(read["intensity"]).sum()) == 4 * 8
 
 
+@pytest.mark.parametrize(("unit", "per_s"), [("", 1.0), ("s", 1.0), ("ms", 1e3)])
+def test_offsets_of_samples_have_units(tmp_path: Path, unit: str, per_s: float) -> None:
+    late_s = np.linspace(0.0, 7.0, MHZ.size)
+    said = {"units": unit} if unit else {}
+
+    (read,) = open_spectra(
+        written(tmp_path, lambda one: one.assign(sample_offset_s=("frequency", late_s * per_s, said)))
+    )
+
+    np.testing.assert_allclose((sample_times(read)[0] - TIME[0]) / SECOND, late_s, atol=1e-6)
+
+
+@pytest.mark.parametrize(("unit", "per_sfu"), [("sfu", 1.0), ("W m-2 Hz-1", 1e-22)])
+def test_flux_at_1_au_is_in_solar_flux_units(tmp_path: Path, unit: str, per_sfu: float) -> None:
+    flux = (("time", "frequency"), DECIBEL.astype(np.float64) * per_sfu, {"units": unit})
+
+    (read,) = open_spectra(written(tmp_path, lambda one: one.assign(flux_sfu_1au=flux)))
+
+    np.testing.assert_allclose(read["flux_sfu_1au"], DECIBEL, rtol=1e-6)
+
+
 @pytest.mark.parametrize(
     ("unit", "quantity", "factor"),
     [
@@ -164,6 +185,15 @@ REFUSED: dict[str, tuple[Change, str]] = {
     "values without a name": (lambda one: one.rename(intensity="flux"), "name its values 'intensity' (one of flux)"),
     "MHz called Hz": (frequencies(MHZ, "Hz"), "correct the unit"),
     "path": (lambda one: one.assign_attrs(observatory="../x"), "give a plain name"),
+    "two names": (lambda one: one.assign_attrs(observatory=["WIND", "PSP"]), "the name of one spacecraft"),
+    "two clocks": (
+        lambda one: one.drop_vars("time").assign_coords(time=(("time", "x"), np.stack([TIME, TIME], axis=1))),
+        "add the coordinate 'time' along a dimension of that name",
+    ),
+    "offsets in days": (
+        lambda one: one.assign(sample_offset_s=("frequency", MHZ, {"units": "fortnights"})),
+        "sample_offset_s is in 'fortnights'",
+    ),
     "sample times far away": (
         lambda one: one.assign(sample_time=(("time", "frequency"), FAR)),
         "from the time of their",

@@ -124,7 +124,7 @@ def test_a_table_of_no_rows_and_a_file_that_is_none_are_refused(tmp_path: Path) 
         check_directions(TABLE.iloc[:0])
     path = tmp_path / "directions.csv"
     path.write_bytes(b"\xff\xfe\x00")
-    with pytest.raises(InputError, match="cannot be read"):
+    with pytest.raises(InputError, match="line 1 is not text in UTF-8"):
         read_directions(path)
     path.write_text("# nothing\n")
     with pytest.raises(InputError, match="is not a CSV table"):
