@@ -23,7 +23,7 @@ from bella.pipeline.tracks import TRACK_RECIPE, Timing
 from bella.settings import Settings
 from bella.store import SUFFIX, content_sha256, place_group, rounded_draws, stage_group, verify_group
 
-PLACES = 2
+PLACES = 1
 """Decimals of the positions of receivers, R_sun, that make another solution: errors of arrival times are larger."""
 
 
