@@ -24,7 +24,8 @@ from bella.settings import Settings
 from bella.store import SUFFIX, content_sha256, place_group, rounded_draws, stage_group, verify_group
 
 PLACES = 1
-"""Decimals of the positions of receivers, R_sun, that make another solution: errors of arrival times are larger."""
+"""Decimals of the positions of receivers, R_sun, that make another solution: errors of arrival times are larger, and a
+receiver is where it was at its first edge, which the files of other days move by a minute."""
 
 
 def inputs_hash(timing: Timing, around: tuple[SourceFile, ...], series: Series, settings: Settings) -> str:

@@ -85,7 +85,7 @@ def test_files_that_times_were_measured_in_count_in_place_of_the_times(located: 
     later = located.assign(sigma_s=located["sigma_s"] + 1e-6)
     same = inputs_hash(timing, (), SERIES, settings)
     assert same == inputs_hash(Timing(later, later, sources=sources[::-1]), (), SERIES, settings)
-    near, moved = (located.assign(x_rsun=located["x_rsun"].round(PLACES) + by) for by in (0.004, 0.006))
+    near, moved = (located.assign(x_rsun=located["x_rsun"].round(PLACES) + by) for by in (0.04, 0.06))
     assert inputs_hash(replace(timing, arrivals=near), (), SERIES, settings) == inputs_hash(
         replace(timing, arrivals=located.assign(x_rsun=located["x_rsun"].round(PLACES))), (), SERIES, settings
     )
