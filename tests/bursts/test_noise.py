@@ -226,6 +226,22 @@ def test_a_time_that_one_spacecraft_alone_has_keeps_its_variance() -> None:
     np.testing.assert_allclose(total_s2(few)[~alone], 2.5)
 
 
+def test_errors_that_last_along_the_band_are_an_offset_and_what_grows_beyond_it_smooth() -> None:
+    own, growing = np.array([1.0, 4.0, 9.0]), np.linspace(1.0, 2.0, 6)
+    rows = replace(sharing(6, np.diag(own)), correlated_s2=np.kron(np.diag(own), np.outer(growing, growing)))
+    columns = noise_columns(rows)
+    variance = np.outer(own, growing**2)
+    offset_s2 = columns["offset_sd_s"].reshape(3, 6) ** 2
+    np.testing.assert_allclose(offset_s2, np.repeat(variance.mean(axis=1, keepdims=True), 6, axis=1), rtol=0.01)
+    beyond = np.maximum(variance - variance.mean(axis=1, keepdims=True), 0.0)
+    np.testing.assert_allclose(columns["shape_sd_s"].reshape(3, 6) ** 2, beyond, rtol=0.02, atol=0.02)
+
+
+def test_times_between_sure_channels_are_sure_as_well() -> None:
+    rows = at_frequencies(estimate_noise(made(np.random.default_rng(5), sd_s=0.05)), FREQUENCY_MHZ[5:-5])
+    assert np.median(noise_columns(rows)["sigma_s"]) < 0.2
+
+
 def test_what_all_spacecraft_tell_makes_differences_between_channels_sharper() -> None:
     frequency = np.geomspace(0.25, 2.0, 15)
     off = []

@@ -92,6 +92,10 @@ def test_the_shared_profile_is_near_the_truth(timed: TimedBurst) -> None:
     assert np.sqrt(np.mean(off_s(timed, table) ** 2)) < 1.5
 
 
+def test_a_receiver_whose_clock_is_known_has_hardly_any_offset(timed: TimedBurst) -> None:
+    assert timed.noise.offset_s.max() < 0.2
+
+
 def test_two_spacecraft_and_one_are_timed_by_their_flanks(received: Received) -> None:
     for number in (1, 2):
         timed = time_burst(parts(received)[:number], SHARED)
