@@ -58,7 +58,7 @@ belongs to a frequency: a cubic with coefficients of this size, s, and what is l
 of the time that the burst takes."""
 
 CURVE_SD_S = 0.05
-"""What times between channels leave uncertain at each frequency on its own: a curve is not perfectly smooth."""
+"""Independent error of times between channels: a curve is not perfectly smooth."""
 
 ALONG_ERROR, ALONG_LEAST_S = 0.06, 0.3
 """Errors of channels about t(f) for finding outliers, in rise times and s."""
@@ -437,7 +437,7 @@ def _rows_between(channels: Timed, frequency_mhz: FloatArray) -> Timed:
 
 
 def _joined(parts: list[Timed]) -> Timed:
-    """The channels of all; what is said of the whole burst is that of the first."""
+    """The rows of all parts; values of the whole burst are those of the first part."""
     joined: dict[str, Any] = {name: np.concatenate([getattr(one, name) for one in parts]) for name in PER_CHANNEL}
     return replace(parts[0], **joined)
 
@@ -471,13 +471,13 @@ def _smooth_shares(timed: Timed, own_s2: FloatArray) -> tuple[FloatArray, FloatA
 
 
 def _own_variance(timed: Timed) -> tuple[FloatArray, FloatArray]:
-    """Variance of each row that differences between spacecraft have of errors that rows share.
+    """Variance of the errors that rows share, without what is the same for all spacecraft.
 
     Returns
     -------
     variance_s2 : ndarray, shape (N,)
-        The sum of those of two spacecraft is that of the difference of their times; by least squares for more than
-        three.
+        Those of two spacecraft add up to the variance of the difference of their times: exactly for two and three
+        spacecraft, by least squares for more.
     own_s2 : ndarray, shape (N, N)
         Covariance of the errors less their mean over the spacecraft at each frequency.
     """

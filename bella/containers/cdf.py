@@ -200,7 +200,7 @@ class CdfFile:
             if (np.isnat(found) & ~is_fill).any():
                 raise InputError(
                     f"{self.name}: {variable} has times that are not between {FIRST.astype('M8[Y]')} and "
-                    f"{LAST.astype('M8[Y]')}: its clock is wrong; take another version of the file"
+                    f"{LAST.astype('M8[Y]')}: its clock is wrong; {ANOTHER}"
                 )
             times.reshape(-1)[begin : begin + AT_ONCE] = found
         return times
@@ -234,7 +234,7 @@ class CdfFile:
             values = values[0] if np.isfinite(values[0]).any() else np.fmax.reduce(values)
         stated = re.sub(r"[^a-z]", "", self.attribute("UNITS", variable).lower()) or unit.lower()
         if stated.startswith("log"):
-            raise InputError(f"{self.name}: variable {variable!r} holds logarithms: take another version of the file")
+            raise InputError(f"{self.name}: variable {variable!r} holds logarithms: {ANOTHER}")
         if highest_mhz is None:
             if stated not in MHZ:
                 raise InputError(

@@ -24,8 +24,8 @@ from bella.settings import Settings
 from bella.store import SUFFIX, content_sha256, place_group, rounded_draws, stage_group, verify_group
 
 PLACES = 1
-"""Decimals of the positions of receivers, R_sun, that make another solution: errors of arrival times are larger, and a
-receiver is where it was at its first edge, which the files of other days move by a minute."""
+"""Decimals of the positions of receivers, R_sun, that make another solution: errors of arrival times are larger.
+With two decimals, files of the next day, which move the first edge of a burst a little, made a new version."""
 
 
 def inputs_hash(timing: Timing, around: tuple[SourceFile, ...], series: Series, settings: Settings) -> str:

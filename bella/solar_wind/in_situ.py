@@ -20,7 +20,7 @@ import numpy as np
 import numpy.typing as npt
 import pandas as pd
 
-from bella.containers import open_cdf
+from bella.containers import ANOTHER, open_cdf
 from bella.exceptions import InputError, NoDataError
 from bella.solar_wind.assimilation import HALF_ROTATION
 from bella.spacecraft import coverage
@@ -127,7 +127,7 @@ def _speeds_of_cdf(path: Path) -> pd.Series:
             raise InputError(f"{path.name}: {name} is in {unit!r}: give km/s")
         speed, utc = cdf.numbers(name, 1).astype(np.float64) * KM_S[unit], cdf.utc(epoch_of(cdf, name))
     if speed.shape != utc.shape:
-        raise InputError(f"{path.name}: {speed.size} speeds for {utc.size} times; take another version of the file")
+        raise InputError(f"{path.name}: {speed.size} speeds for {utc.size} times; {ANOTHER}")
     known = np.isfinite(speed) & ~np.isnat(utc) & (speed < FILL_KM_S)
     if not known.any():
         raise NoDataError(f"{path.name} holds no hour with a speed: choose another interval")
@@ -145,7 +145,7 @@ def _check_days(path: Path, utc: npt.NDArray[np.datetime64]) -> None:
         if not first - LONGEST_CDF <= day <= last + LONGEST_CDF:
             raise InputError(
                 f"{path.name} is named after {str(day)[:10]}, but has speeds from {str(first)[:10]} to "
-                f"{str(last)[:10]}: its clock or its name is wrong; take another version of the file"
+                f"{str(last)[:10]}: its clock or its name is wrong; {ANOTHER}"
             )
 
 

@@ -136,7 +136,7 @@ def check_clock(time: npt.NDArray[np.datetime64], source: str) -> None:
     if still.size > STANDING_SHARE * time.size:
         raise InputError(
             f"{source}: {still.size} of {time.size} records have the time of the two before, such as "
-            f"{np.datetime_as_string(time[still[0]], 's')}: its clock stood still; take another version of the file"
+            f"{np.datetime_as_string(time[still[0]], 's')}: its clock stood still; {ANOTHER}"
         )
 
 

@@ -14,7 +14,7 @@ import numpy as np
 import numpy.typing as npt
 import xarray as xr
 
-from bella.containers import CdfFile, TimeArray
+from bella.containers import ANOTHER, CdfFile, TimeArray
 from bella.exceptions import InputError
 from bella.spectra.assembly import Origin, assemble, cadence_s, dwell_s, shared_channels
 from bella.spectra.dynamic_spectrum import in_unit
@@ -68,7 +68,7 @@ def epoch_of(cdf: CdfFile, variable: str = "") -> str:
     others = sorted(name for name in cdf.variables if cdf.is_epoch(name) and cdf.varies(name))
     found = cdf.first_with_data(*filter(None, (stated, "Epoch", *others)))
     if not found:
-        raise InputError(f"{cdf.name} has no times that can be read: take another version of the file")
+        raise InputError(f"{cdf.name} has no times that can be read: {ANOTHER}")
     return found
 
 
@@ -116,7 +116,7 @@ def read_records(  # noqa: PLR0913, PLR0917 - one argument per variable of the f
     if values.shape != (time.size, channels):
         raise InputError(
             f"{cdf.name}: {variable} has the shape {values.shape}, but there are {time.size} times and {channels} "
-            "frequencies: take another version of the file"
+            f"frequencies: {ANOTHER}"
         )
     found: dict[str, npt.NDArray[Any]] = {}
     for name, stored in (extra or {}).items():

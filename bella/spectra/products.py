@@ -415,7 +415,7 @@ def _held_against(spectrum: xr.Dataset, names: tuple[str, ...], source: str, ori
             raise InputError(
                 f"{source} is named after {day.astype('datetime64[D]')}, but holds times from "
                 f"{np.datetime_as_string(first, 's')} to {np.datetime_as_string(last, 's')}: its clock or its name is "
-                "wrong; take another version of the file"
+                f"wrong; {ANOTHER}"
             )
     spectrum = spectrum.assign_attrs(origin=origin.value)
     found = quirks_of(spectrum)

@@ -101,7 +101,7 @@ def read_l3(cdf: CdfFile, receiver: str) -> tuple[xr.Dataset, ...]:
     suffix = f"{receiver}_auto_averages_{DIPOLES[0]}"
     frequency = cdf.first_with_data(cdf.attribute("DEPEND_1", whole), f"frequency_{suffix}")
     if not frequency:
-        raise InputError(f"{cdf.name}: {whole} has no frequencies; take another version of the file")
+        raise InputError(f"{cdf.name}: {whole} has no frequencies; {ANOTHER}")
     epoch = cdf.first_with_data(cdf.attribute("DEPEND_0", whole), f"epoch_{suffix}")
     time = cdf.utc(epoch or epoch_of(cdf, whole))
     flux = cdf.numbers(whole, 2)

@@ -198,7 +198,7 @@ def read_k0(cdf: CdfFile, receiver: str = "") -> tuple[xr.Dataset, ...]:
     decibel = cdf.numbers("E_Average", 2)
     frequency = cdf.first_with_data(cdf.attribute("DEPEND_1", "E_Average"), "E_freq_val")
     if not frequency:
-        raise InputError(f"{cdf.name}: E_Average has no frequencies; take another version of the file")
+        raise InputError(f"{cdf.name}: E_Average has no frequencies; {ANOTHER}")
     origin = Origin(OBSERVATORY, "TNR+RAD1+RAD2", "db_over_background", cdf.name)
     time, frequency_mhz = cdf.utc(epoch_of(cdf, "E_Average")), cdf.frequency_mhz(frequency, "Hz", HIGHEST_MHZ["rad2"])
     return (read_records(cdf, origin, "E_Average", time, frequency_mhz, decibel),)
@@ -329,7 +329,7 @@ def _header_times(headers: list[tuple[int, ...]], source: str) -> npt.NDArray[np
         row = int(np.argmax(is_alone))
         raise InputError(
             f"{source}: record {row + 1} has the date {calendar[row]}, but its seconds since 1950 are of "
-            f"{CALENDAR_1950.astype('M8[s]') + second[row]}: its clock is wrong; take another version of the file"
+            f"{CALENDAR_1950.astype('M8[s]') + second[row]}: its clock is wrong; {ANOTHER}"
         )
     return np.asarray(calendar + np.where(agrees, off, 0).astype("timedelta64[s]"))
 
