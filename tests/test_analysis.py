@@ -138,17 +138,18 @@ def test_plots_are_figures_of_the_pages_that_a_notebook_shows_and_files_keep(
         shown.save(tmp_path / "map.txt")
 
 
-def test_arrival_times_are_drawn_where_they_are() -> None:
-    drawn = bella.Arrivals(TABLE).plot().svg
+def test_arrival_times_are_drawn_where_they_are_with_all_their_errors() -> None:
+    table = TABLE.assign(shape_sd_s=20.0, offset_sd_s=30.0, delay_sd_s=10.0)
+    drawn = bella.Arrivals(table).plot().svg
     ElementTree.fromstring(drawn)
     (wind,) = re.findall(r'class="series s0"><line (.*?)/><line', drawn)
     x1, y1, x2, y2 = (float(one) for one in re.findall(r'"([-\d.]+)"', wind))
     rows = TABLE[TABLE["observatory"] == "WIND"].sort_values("frequency_mhz")
     seconds = TABLE["arrival_utc"].to_numpy().astype("datetime64[ns]").astype(np.int64) / 1e9
-    sigma = TABLE["sigma_s"].to_numpy()
+    sigma = np.sqrt(TABLE["sigma_s"].to_numpy() ** 2 + 20.0**2 + 30.0**2 + 10.0**2)
     first, last = (seconds - sigma).min(), (seconds + sigma).max()
     assert y1 == y2 > 200, "the lowest frequency is at the bottom"
-    width = 2 * rows["sigma_s"].iloc[0] / (1.1 * (last - first)) * (620 - 52 - 14)
+    width = 2 * np.sqrt(rows["sigma_s"].iloc[0] ** 2 + 1400.0) / (1.1 * (last - first)) * (620 - 52 - 14)
     assert x2 - x1 == pytest.approx(width, abs=0.2)
     assert "UTC, 2012-06-07" in drawn
 

@@ -27,6 +27,7 @@ from bella.plotting.svg import (
 from bella.records import JointTrack, Parameter
 from bella.units import FloatArray
 
+ERRORS = ("sigma_s", "shape_sd_s", "offset_sd_s", "delay_sd_s")
 SIZE = (620.0, 330.0)
 LEFT, RIGHT, TOP, BOTTOM = 52.0, 14.0, 34.0, 44.0
 MARGIN_SHARE, LEAST_SPAN_S = 0.05, 10.0
@@ -70,19 +71,21 @@ class Figure:
 
 
 def arrivals_figure(frame: pd.DataFrame) -> Figure:
-    """Frequency against arrival time with its error, one series per spacecraft."""
-    seconds, sigma = unix_s(frame["arrival_utc"]), frame["sigma_s"].to_numpy(dtype=float)
+    """Frequency against arrival time with its whole error, one series per spacecraft."""
+    stated = frame.reindex(columns=list(ERRORS), fill_value=0.0).to_numpy(dtype=float)
+    frame = frame.assign(error_s=np.sqrt((stated**2).sum(axis=1)))
+    seconds, sigma = unix_s(frame["arrival_utc"]), frame["error_s"].to_numpy()
     across, upward = _scales(seconds - sigma, seconds + sigma, frame["frequency_mhz"].to_numpy(dtype=float))
     parts = _axes(across, upward, seconds)
     for index, (name, rows) in enumerate(frame.groupby("observatory", sort=False)):
         ordered = rows.sort_values("frequency_mhz")
         y = upward(ordered["frequency_mhz"])
-        middle, error = unix_s(ordered["arrival_utc"]), ordered["sigma_s"].to_numpy(dtype=float)
+        middle, error = unix_s(ordered["arrival_utc"]), ordered["error_s"].to_numpy()
         places = np.column_stack([across(middle), y])
         bars = [line(*ends) for ends in zip(across(middle - error), y, across(middle + error), y, strict=True)]
         parts += [element("g", *bars, path(places), *marks(places, index), class_=_series(index))]
         parts += _legend(index, str(name))
-    caption = "Time of arrival at each frequency and spacecraft, with one standard deviation."
+    caption = "Time of arrival at each frequency and spacecraft, with one standard deviation of all its errors."
     return Figure(figure("arrivals", SIZE, "Arrival times of each spacecraft.", *parts), caption)
 
 
