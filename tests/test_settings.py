@@ -72,7 +72,7 @@ def test_senseless_values_are_refused(name, value) -> None:
 
 
 def test_foreign_variables_do_no_harm(monkeypatch) -> None:
-    for name in ("BELLA_REFERENCE_FILES", "BELLA_PORT", "BELLA_DB_PASSWORD", "OTHER_RECNT_DAYS"):
+    for name in ("BELLA_REFERENCE_FILES", "BELLA_PORT", "BELLA_DB_PASSWORD", "BELLA_HOMEPAGE", "OTHER_RECNT_DAYS"):
         monkeypatch.setenv(name, "/nowhere")
     assert read_settings().draws > 0
 

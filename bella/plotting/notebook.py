@@ -34,8 +34,8 @@ MARGIN_SHARE, LEAST_SPAN_S = 0.05, 10.0
 COLOURS = 5
 """Of series, in `figure.css`."""
 
-CIRCLE_SD = {68: 1.515, 95: 2.448}
-"""Radius of the circle that holds so much of a Gaussian in a plane: square roots of the quantiles of chi2 of two."""
+CIRCLE_SD = {percent: float(np.sqrt(-2.0 * np.log(1.0 - percent / 100))) for percent in (68, 95)}
+"""Radius of the circle that holds so much of a Gaussian in a plane, in standard deviations."""
 
 OUTLINE_POINTS = 48
 
