@@ -4,7 +4,8 @@ Only differences of arrival times matter, and no law of the light curve is known
 together: each light curve is the same profile, shifted by its arrival time, stretched by a width, scaled, lifted by
 its background, and averaged over the integration of each sample as its receiver does. The logarithm of the profile is
 concave, so that it has one maximum whatever its parameters, and varies slowly with ln f. The widths follow a smooth
-curve in ln f that all spacecraft share, with a factor and a tilt of each spacecraft.
+curve in ln f that all spacecraft share, with a factor and a tilt of each spacecraft. After the maximum the logarithm
+falls faster or slower at each: decays need not differ as rises do.
 
 The edge is half of the maximum of the fitted profile. Errors of the shape are shared by all channels: they are in the
 covariance, and most of them cancel in differences.
@@ -58,6 +59,13 @@ WIDTH_SD = np.array([0.5, 0.3, 0.1])
 
 CRAFT_SD, CRAFT_TILT_SD = 0.15, 0.09
 """Of ln width of a spacecraft and its change with ln f: light curves of 2012-06-07 differ by 28 and 23 %."""
+
+FALL_SD, FALL_TILT_SD = 0.3, 0.12
+"""Of the logarithm of how fast a spacecraft's light curves fall, and of its change with ln f: 2012-06-07 has -0.25, 0.18
+and 0.09, 2020-07-21 -0.03 to 0.03. Without it, decays that differ by a third move edges by 2 s."""
+
+COMMON_FALL_SD = 0.03
+"""Of its mean over the spacecraft, which the profile has too."""
 
 SHAPE_ERROR, LARGEST_SHAPE_ERROR = 0.004, 0.12
 """Share of the maximum by which light curves depart from the profile; raised to what a spacecraft's residuals show."""
@@ -209,8 +217,8 @@ def fit_profile(lights: Sequence[LightCurves]) -> ProfileEdges:
 class _Fit:
     """Normal equations of all channels of a burst.
 
-    Globals, in this order: ln width (3), ln width of each spacecraft (S), its tilt (S), ln slope at the pivot and its
-    change with ln f (2), ln curvature at the knots (K), its change with ln f (K).
+    Globals, in this order: ln width (3), ln width of each spacecraft (S), its tilt (S), ln of how fast it falls (S),
+    its tilt (S), ln slope at the pivot and its change with ln f (2), ln curvature at the knots (K), its change with ln f (K).
     """
 
     def __init__(self, craft: Sequence[Craft]) -> None:
@@ -219,16 +227,23 @@ class _Fit:
             one.shape_error, one.decay_error = SHAPE_ERROR, DECAY_ERROR
         self.middle = float(np.mean(np.concatenate([np.log(one.frequency_mhz) for one in craft])))
         number, knots = len(craft), KNOTS.size
-        self.slope_at = 3 + 2 * number
+        self.fall_at = 3 + 2 * number
+        self.slope_at = self.fall_at + 2 * number
         self.value = np.zeros(self.slope_at + 2 + 2 * knots)
         self.value[self.slope_at] = SLOPE
         self.value[self.slope_at + 2 : self.slope_at + 2 + knots] = CURVATURE
         self.expected = self.value.copy()
         self.prior = np.zeros((self.value.size, self.value.size))
         sd = np.concatenate(
-            [WIDTH_SD, np.full(number, CRAFT_SD), np.full(number, CRAFT_TILT_SD), [SLOPE_SD, SLOPE_BEND_SD]]
+            [
+                WIDTH_SD,
+                *(np.full(number, sd) for sd in (CRAFT_SD, CRAFT_TILT_SD, FALL_SD, FALL_TILT_SD)),
+                [SLOPE_SD, SLOPE_BEND_SD],
+            ]
         )
         self.prior[np.arange(sd.size), np.arange(sd.size)] = sd**-2.0
+        for first in (self.fall_at, self.fall_at + number):  # what all fall by is in the profile
+            self.prior[first : first + number, first : first + number] += COMMON_FALL_SD**-2
         step = np.diff(np.eye(knots), axis=0) / np.sqrt(np.diff(KNOTS))[:, None]
         for first, alone, change in (
             (sd.size, CURVATURE_SD, CURVATURE_STEP_SD),
@@ -249,12 +264,22 @@ class _Fit:
         terms[:, 3 + number + one.index] = x
         return terms
 
-    def _log_profile(self, one: Craft, value: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Log of the profile on the grid, (C, U); its slope at the pivot, (C, 1), and its curvatures, (C, K)."""
+    def _log_profile(self, one: Craft, value: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Log of the profile on the grid, (C, U), and its derivatives by slope, curvatures and fall, (C, U, 2 + K)."""
         x, knots = self._across(one)[:, None], KNOTS.size
         slope = np.exp(value[self.slope_at] + x * value[self.slope_at + 1])
         curvature = np.exp(value[-2 * knots : -knots] + x * value[-knots:])
-        return np.log(0.5) + slope * GRID - curvature @ HATS.T, slope, curvature
+        log = np.log(0.5) + slope * GRID - curvature @ HATS.T
+        by = np.empty((*log.shape, 2 + knots))
+        by[:, :, 0] = slope * GRID
+        np.multiply(HATS, -curvature[:, None, :], out=by[:, :, 1:-1])
+        row, top = np.arange(len(log)), log.argmax(axis=1)
+        past = np.arange(GRID.size) > top[:, None]
+        fall = np.exp(value[self.fall_at + one.index] + x * value[self.fall_at + len(self.craft) + one.index])
+        peak, at_peak = log[row, top][:, None], by[row, top][:, None]
+        by[:, :, -1] = np.where(past, fall * (log - peak), 0.0)
+        by[:, :, :-1] = np.where(past[:, :, None], at_peak[:, :, :-1] + fall[:, :, None] * (by - at_peak)[:, :, :-1], by[:, :, :-1])
+        return np.where(past, peak + fall * (log - peak), log), by
 
     def model(self, one: Craft, value: FloatArray) -> FloatArray:
         """Mean of the profile over each sample, shape (C, M)."""
@@ -264,14 +289,11 @@ class _Fit:
     def linear(self, one: Craft, value: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
         """Mean of the profile over each sample, and derivatives by time, ln width and shape.
 
-        Shapes (C, M), (C, M), (C, M), (C, M, 1 + K).
+        Shapes (C, M), (C, M), (C, M), (C, M, 2 + K).
         """
-        log, slope, curvature = self._log_profile(one, value)
+        log, by = self._log_profile(one, value)
         profile = np.exp(np.minimum(log, 50.0))
-        table = np.empty((*profile.shape, 2 + KNOTS.size))
-        table[:, :, 0] = profile
-        table[:, :, 1] = profile * GRID * slope
-        np.multiply(profile[:, :, None] * HATS, -curvature[:, None, :], out=table[:, :, 2:])
+        table = np.concatenate([profile[:, :, None], profile[:, :, None] * by], axis=2)
         means, by_time, by_width = self._means(one, value, table)
         return means[:, :, 0], by_time, by_width, means[:, :, 1:]
 
@@ -374,8 +396,10 @@ class _Fit:
             knots = KNOTS.size
             everywhere[:, :, self.slope_at] += shape[:, :, 0]
             everywhere[:, :, self.slope_at + 1] += shape[:, :, 0] * x[:, :, 0]
-            everywhere[:, :, -2 * knots : -knots] += shape[:, :, 1:]
-            everywhere[:, :, -knots:] += shape[:, :, 1:] * x
+            everywhere[:, :, -2 * knots : -knots] += shape[:, :, 1:-1]
+            everywhere[:, :, -knots:] += shape[:, :, 1:-1] * x
+            everywhere[:, :, self.fall_at + one.index] += shape[:, :, -1]
+            everywhere[:, :, self.fall_at + len(self.craft) + one.index] += shape[:, :, -1] * x[:, :, 0]
             residual = one.power - one.base[:, None] - height * mean
             weighted = local * one.weight[:, :, None]
             square = weighted.transpose(0, 2, 1) @ local
@@ -502,8 +526,7 @@ class _Fit:
 
     def _level(self, one: Craft) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Time from the pivot to the level, from there to the maximum, and derivatives of the former by the globals."""
-        log, pivot, curvature = self._log_profile(one, self.value)
-        by = np.concatenate([(pivot * GRID)[:, :, None], -curvature[:, None, :] * HATS], axis=-1)
+        log, by = self._log_profile(one, self.value)
         terms = self._width_terms(one)
         width = np.exp(one.log_width + terms @ self.value)
         row = np.arange(width.size)
@@ -518,7 +541,7 @@ class _Fit:
         x, knots = self._across(one)[:, None], KNOTS.size
         derivative = at[:, None] * terms
         derivative[:, self.slope_at : self.slope_at + 2] += np.hstack([moved[:, :1], moved[:, :1] * x])
-        derivative[:, -2 * knots :] += np.hstack([moved[:, 1:], moved[:, 1:] * x])
+        derivative[:, -2 * knots :] += np.hstack([moved[:, 1:-1], moved[:, 1:-1] * x])
         return at * width, (GRID[top] - at) * width, derivative * width[:, None]
 
     def _collapsed(self, one: Craft, level_s: FloatArray) -> Collapsed:
