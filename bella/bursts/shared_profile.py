@@ -61,7 +61,7 @@ CRAFT_SD, CRAFT_TILT_SD = 0.15, 0.09
 """Of ln width of a spacecraft and its change with ln f: light curves of 2012-06-07 differ by 28 and 23 %."""
 
 FALL_SD, FALL_TILT_SD = 0.3, 0.12
-"""Of the logarithm of how fast a spacecraft's light curves fall, and of its change with ln f: 2012-06-07 has -0.25, 0.18
+"""Of the logarithm of how fast light curves of a spacecraft fall, and of its change with ln f: 2012-06-07 has -0.25, 0.18
 and 0.09, 2020-07-21 -0.03 to 0.03. Without it, decays that differ by a third move edges by 2 s."""
 
 COMMON_FALL_SD = 0.03
@@ -217,8 +217,8 @@ def fit_profile(lights: Sequence[LightCurves]) -> ProfileEdges:
 class _Fit:
     """Normal equations of all channels of a burst.
 
-    Globals, in this order: ln width (3), ln width of each spacecraft (S), its tilt (S), ln of how fast it falls (S),
-    its tilt (S), ln slope at the pivot and its change with ln f (2), ln curvature at the knots (K), its change with ln f (K).
+    Globals, in this order: ln width (3); of each spacecraft ln width (S), its tilt (S), ln of how fast it falls (S),
+    its tilt (S); ln slope at the pivot and its change with ln f (2), ln curvature at the knots (K), its change (K).
     """
 
     def __init__(self, craft: Sequence[Craft]) -> None:
@@ -278,7 +278,9 @@ class _Fit:
         fall = np.exp(value[self.fall_at + one.index] + x * value[self.fall_at + len(self.craft) + one.index])
         peak, at_peak = log[row, top][:, None], by[row, top][:, None]
         by[:, :, -1] = np.where(past, fall * (log - peak), 0.0)
-        by[:, :, :-1] = np.where(past[:, :, None], at_peak[:, :, :-1] + fall[:, :, None] * (by - at_peak)[:, :, :-1], by[:, :, :-1])
+        by[:, :, :-1] = np.where(
+            past[:, :, None], at_peak[:, :, :-1] + fall[:, :, None] * (by - at_peak)[:, :, :-1], by[:, :, :-1]
+        )
         return np.where(past, peak + fall * (log - peak), log), by
 
     def model(self, one: Craft, value: FloatArray) -> FloatArray:

@@ -5,8 +5,8 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from bella.bursts.light_curves import LightCurves, first_guess, own_rise
-from bella.bursts.shared_profile import collapsed_samples, fit_profile
+from bella.bursts.light_curves import LightCurves, first_guess, fitted_samples, own_rise
+from bella.bursts.shared_profile import _Fit, collapsed_samples, fit_profile
 from bella.exceptions import NoDataError
 
 RECEIVERS = {"WIND": (60.0, 60.0), "STEREO-A": (38.0, 30.0), "SOLO": (17.0, 4.0), "PSP": (7.0, 7.0)}
@@ -31,11 +31,19 @@ def gamma(x: np.ndarray) -> np.ndarray:
 
 
 def light(
-    name: str, pulse: Pulse, late_s: float, seed: int, *, width: float = 1.0, bump_s: float = 0.0
+    name: str,
+    pulse: Pulse,
+    late_s: float,
+    seed: int,
+    *,
+    width: float = 1.0,
+    bump_s: float = 0.0,
+    fall: tuple[float, float] = (1.0, 0.0),
 ) -> tuple[LightCurves, np.ndarray]:
     """Light curves of a spacecraft with noise of 4 %, and when they rise to half of their maximum.
 
-    Those between 0.5 and 1 MHz come later by `bump_s`.
+    Those between 0.5 and 1 MHz come later by `bump_s`. All fall faster by the first of `fall`, with its power of
+    frequency.
     """
     cadence, integration = RECEIVERS[name]
     random = np.random.default_rng(seed)
@@ -43,13 +51,18 @@ def light(
     height = pulse(fine)
     top = int(height.argmax())
     half = float(np.interp(0.5 * height[top], height[: top + 1], fine[: top + 1]))
-    running = np.concatenate([[0.0], np.cumsum(0.5 * (height[1:] + height[:-1]) * np.diff(fine))]) / height[top]
+    faster = np.maximum(fine - fine[top], 0.0)[:, None] * (fall[0] * FREQUENCY_MHZ ** fall[1] - 1.0)
+    each = pulse(fine[:, None] + faster)
+    running = np.cumsum(0.5 * (each[1:] + each[:-1]) * np.diff(fine)[:, None], axis=0) / height[top]
     scale = width * 15.0 * FREQUENCY_MHZ**-0.9
     arrival = 900.0 + 260.0 * FREQUENCY_MHZ**-0.9 + late_s * (1.0 + 0.2 * np.log(FREQUENCY_MHZ))
     arrival += bump_s * (np.abs(np.log(FREQUENCY_MHZ / 0.7)) < 0.35)
     middle = random.uniform(0.0, cadence) + cadence * np.arange(int(3600 / cadence))
     low, high = ((middle[:, None] + side * integration / 2 - arrival) / scale + half for side in (-1.0, 1.0))
-    mean = (np.interp(high, fine, running) - np.interp(low, fine, running)) / (high - low)
+    until = [
+        [np.interp(ends[:, n], fine[1:], running[:, n]) for n in range(FREQUENCY_MHZ.size)] for ends in (low, high)
+    ]
+    mean = np.subtract(until[1], until[0]).T / (high - low)
     power = (1.0 + 60.0 * mean) * np.exp(0.04 * random.normal(size=mean.shape)) - 1.0
     shape = power.shape
     return (
@@ -127,6 +140,40 @@ def test_wider_light_curves_of_one_spacecraft_are_not_late() -> None:
     off = (fit.arrival_s - np.concatenate([arrival for _, arrival in pairs])).reshape(4, -1).mean(axis=1)
     assert fit.width_factor["PSP"] / fit.width_factor["SOLO"] == pytest.approx(1.2, abs=0.06)
     assert np.ptp(off) < 1.5
+
+
+@pytest.mark.parametrize("tilt", [0.0, 0.3])
+def test_light_curves_that_fall_faster_at_one_spacecraft_are_not_early(tilt: float) -> None:
+    falls = {"WIND": (1.4, tilt), "STEREO-A": (0.7, -tilt), "SOLO": (0.7, tilt), "PSP": (1.4, -tilt)}
+    pairs = [light(name, gamma, 0.0, 5 + n, fall=falls[name]) for n, name in enumerate(RECEIVERS)]
+    arrival = np.concatenate([arrival for _, arrival in pairs])
+    off = (fit_profile([one for one, _ in pairs]).arrival_s - arrival).reshape(4, -1)
+    apart = off - off.mean(axis=0)
+    assert np.abs(apart.mean(axis=1)).max() < 0.5
+    assert np.sqrt(np.mean(apart**2)) < 1.1
+
+
+def fit_of(lights: list[LightCurves]) -> _Fit:
+    rises = own_rise(lights)
+    crafts = [fitted_samples(one, first_guess(one, rises), n) for n, one in enumerate(lights)]
+    return _Fit([one for one in crafts if one is not None])
+
+
+def test_the_gradient_is_that_of_chi_squared() -> None:
+    fit = fit_of(fleet(gamma)[0])
+    fit.weigh(scaled=False)
+    fit.value = fit.value + 0.1 * np.random.default_rng(3).normal(size=fit.value.size)
+    for which in range(fit.value.size):
+        step = 1e-4 * np.eye(fit.value.size)[which]
+        slope = (fit.chi2(fit.value + step) - fit.chi2(fit.value - step)) / 2e-4
+        assert fit.blocks()[1][which] == pytest.approx(-0.5 * slope, rel=0.02, abs=2.0), which
+
+
+def test_how_fast_all_spacecraft_fall_is_a_matter_of_the_profile() -> None:
+    fit = fit_of([light(name, gamma, 0.0, 5 + n, fall=(1.5, 0.0))[0] for n, name in enumerate(RECEIVERS)])
+    fit.weigh(scaled=False)
+    fit.descend(20)
+    assert abs(fit.value[fit.fall_at : fit.fall_at + len(RECEIVERS)].mean()) < 0.02
 
 
 def test_a_second_burst_in_the_decay_has_no_say() -> None:
