@@ -61,8 +61,8 @@ CRAFT_SD, CRAFT_TILT_SD = 0.15, 0.09
 """Of ln width of a spacecraft and its change with ln f: light curves of 2012-06-07 differ by 28 and 23 %."""
 
 FALL_SD, FALL_TILT_SD = 0.3, 0.12
-"""Of the logarithm of how fast light curves of a spacecraft fall, and of its change with ln f: 2012-06-07 has -0.25, 0.18
-and 0.09, 2020-07-21 -0.03 to 0.03. Without it, decays that differ by a third move edges by 2 s."""
+"""Of the logarithm of how fast light curves of a spacecraft fall, and of its change with ln f: -0.25, 0.18
+and 0.09 on 2012-06-07, -0.03 to 0.03 on 2020-07-21. Without it, decays that differ by a third move edges by 2 s."""
 
 COMMON_FALL_SD = 0.03
 """Of its mean over the spacecraft, which the profile has too."""
