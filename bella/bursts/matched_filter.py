@@ -239,8 +239,9 @@ def _binned(over: xr.Dataset, start: np.datetime64) -> FloatArray:
     """Mean of the samples in every cell."""
     column = np.searchsorted(EDGES_MHZ, over["frequency"].to_numpy(), side="right") - 1
     times, intensity = sample_times(over).to_numpy(), over["intensity"].to_numpy()
-    last = times[:, (column >= 0) & (column < CHANNELS)].max(initial=start)
-    mean = np.full((int((last - start) / np.timedelta64(1, "s") // STEP_S) + 1, CHANNELS), np.nan)
+    inside = times[:, (column >= 0) & (column < CHANNELS)]
+    last = inside.max() if inside.size else start
+    mean = np.full((max(int((last - start) / np.timedelta64(1, "s") // STEP_S), 0) + 1, CHANNELS), np.nan)
     for channel in range(CHANNELS):  # one by one, as a day may have a sample every 6 ms
         of = column == channel
         row = ((times[:, of] - start) / np.timedelta64(1, "s") // STEP_S).astype(np.intp)
