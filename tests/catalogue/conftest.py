@@ -30,13 +30,6 @@ def database_url(request: pytest.FixtureRequest, backend: str) -> str:
     return str(request.getfixturevalue({"sqlite": "sqlite_url", "postgresql": "postgres_url"}[backend]))
 
 
-@pytest.fixture(scope="session")
-def empty_file(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    file = tmp_path_factory.mktemp("empty") / "catalogue.sqlite"
-    Catalogue.open(f"sqlite:///{file}", create=True).close()
-    return file
-
-
 class Emptied:
     """A PostgreSQL catalogue that is emptied for each test, as making one anew takes a hundred times longer."""
 
