@@ -31,6 +31,7 @@ class Origin(StrEnum):
 
 REAL_ORIGINS = (Origin.ARCHIVE, Origin.EVENT, Origin.SUBMISSION, Origin.USER)
 """What a query or a count holds unless another origin is asked for."""
+UNREAL_ORIGINS = (Origin.SIMULATED, Origin.TEST)
 
 
 _NAMESPACE = {Origin.USER: "USER", Origin.SIMULATED: "SIM", Origin.TEST: "TEST"}

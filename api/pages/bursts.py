@@ -1,6 +1,6 @@
 """The list of bursts: each with its answer and a small picture of its track, and a form that writes the query."""
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from datetime import UTC, date, datetime, timedelta
 from typing import Any
 from urllib.parse import urlencode
@@ -22,7 +22,7 @@ from bella.exceptions import InputError, NoDataError
 from bella.flags import FLAGS, HARMLESS_FLAGS
 from bella.pipeline.page_figures import places_of
 from bella.plotting import thumbnail
-from bella.records import ALL_ORIGINS, REAL_ORIGINS, Origin
+from bella.records import ALL_ORIGINS, REAL_ORIGINS, UNREAL_ORIGINS, Origin
 from bella.spacecraft import OBSERVATORIES
 
 router = APIRouter(include_in_schema=False)
@@ -66,6 +66,7 @@ def list_page(request: Request, catalogue: CatalogueHere) -> HTMLResponse:
     page, fault = _answer(catalogue, asked)
     following = page.next_cursor if page else None
     bursts = page.bursts if page else ()
+    is_empty = page is not None and page.total == 0 and _total(catalogue, REAL_ORIGINS) == 0
     return render(
         request,
         "bursts.html",
@@ -82,7 +83,8 @@ def list_page(request: Request, catalogue: CatalogueHere) -> HTMLResponse:
         onward=urlencode({**asked, "cursor": following}, doseq=True) if following else None,
         first=urlencode({name: value for name, value in asked.items() if name != "cursor"}, doseq=True),
         selection=selection_query(asked),
-        is_empty=page is not None and page.total == 0 and catalogue.bursts(BurstQuery(limit=1)).total == 0,
+        is_empty=is_empty,
+        unreal=_total(catalogue, UNREAL_ORIGINS) if is_empty else 0,
         observatories=list(dict.fromkeys([*OBSERVATORIES, *asked.get("observatory", [])])),
         flags=FLAGS,
         recent=_recent(),
@@ -93,6 +95,10 @@ def list_page(request: Request, catalogue: CatalogueHere) -> HTMLResponse:
         grades=GRADES,
         base_url=str(request.base_url).rstrip("/"),
     )
+
+
+def _total(catalogue: Catalogue, origins: Iterable[Origin]) -> int:
+    return catalogue.bursts(BurstQuery(limit=1, origins=frozenset(origins))).total
 
 
 @router.get("/latest")

@@ -37,7 +37,7 @@ from bella.plotting import (
     strips_figure,
     zoomed_day,
 )
-from bella.records import ALL_ORIGINS, REAL_ORIGINS, DayAnswer, Origin, origins_asked
+from bella.records import ALL_ORIGINS, REAL_ORIGINS, UNREAL_ORIGINS, DayAnswer, Origin, origins_asked
 from bella.times import parse_day
 from bella.units import DAY_S
 
@@ -76,6 +76,7 @@ def days_page(request: Request, catalogue: CatalogueHere) -> HTMLResponse:
     """Searched days of the query of the address, the newest first, by month."""
     asked = asked_of(request)
     page, onward, fault = _answer(catalogue, asked)
+    is_empty = page is not None and page.total == 0 and catalogue.days(limit=1).total == 0
     return render(
         request,
         "days.html",
@@ -89,7 +90,8 @@ def days_page(request: Request, catalogue: CatalogueHere) -> HTMLResponse:
         asked={name: asked.get(name, "") for name in FIELDS},
         filtered=any(asked.get(name) for name in ("from", "to", "origin")),
         onward=onward,
-        is_empty=page is not None and page.total == 0 and catalogue.days(limit=1).total == 0,
+        is_empty=is_empty,
+        unreal=catalogue.days(limit=1, origins=UNREAL_ORIGINS).total if is_empty else 0,
     )
 
 
@@ -178,13 +180,22 @@ def day_page(request: Request, day: str, service: ServiceHere, catalogue: Catalo
         return _page(request, day, service, catalogue)
 
 
+def _what_to_do(catalogue: Catalogue, day: date) -> str:
+    """How to see a day that is not among those asked for: by its origin where it is known, else by a search."""
+    known = catalogue.days(day, day, 1, tuple(Origin)).days
+    if not known:
+        return f"run bella run --from {day}"
+    origin = known[0].searched.origin
+    return f"{day_links(day, origin)['page']} shows it in {origin} data"
+
+
 def _page(request: Request, day: str, service: Service, catalogue: Catalogue) -> HTMLResponse:
     wanted = parse_day(day, "day")
     asked = _origins(request)
     known = catalogue.days(wanted, wanted, 1, asked).days
     summary = min(known, key=lambda one: asked.index(one.searched.origin), default=None)
     if summary is None:
-        raise NoDataError(f"{wanted} was not searched: run bella run --from {wanted}")
+        raise NoDataError(f"{wanted} was not searched: {_what_to_do(catalogue, wanted)}")
     origins = (summary.searched.origin,)
     found = catalogue.detections_of(wanted, origins)
     before, after = catalogue.days_beside(wanted, origins)

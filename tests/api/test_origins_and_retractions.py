@@ -122,6 +122,18 @@ def test_links_of_a_simulated_day_stay_with_it(reader: TestClient) -> None:
     assert 'href="/days/2020-07-21"' in listed
 
 
+def test_what_is_kept_apart_is_pointed_to(reader: TestClient, empty: Settings) -> None:
+    assert "/days/2020-07-25?origin=test shows it in test data" in page(reader, "/days/2020-07-25", 404)
+    assert "run bella run --from 2020-07-26" in page(reader, "/days/2020-07-26", 404)
+    with TestClient(create_app(empty)) as client:
+        assert not any('id="kept-apart"' in page(client, path) for path in ("/", "/days"))
+        with Catalogue.open(empty.catalogue_url) as catalogue:
+            published(empty, catalogue, burst=replace(synthetic_burst(burst_id=SIM), origin=Origin.SIMULATED))
+            catalogue.record_day(replace(DAY, origin=Origin.TEST), [])
+        assert '<a href="/?origin=all">bursts of all data</a> (1)' in page(client, "/")
+        assert '<a href="/days?origin=all">days of all data</a> (1)' in page(client, "/days")
+
+
 def test_figures_of_a_simulated_day_are_its_own(reader: TestClient, home: Settings) -> None:
     for origin, text in ((Origin.ARCHIVE, "real"), (Origin.SIMULATED, "drawn")):
         path = home.day_figure(DAY.day, origin)
