@@ -86,6 +86,9 @@ UNITS_OF = (
 )
 """Beginnings of units, as plain text, and the quantities that can be in them."""
 
+NO_UNIT = re.compile(r"\d{4}|.{60}", re.DOTALL)
+"""What no unit has; astropy would compute 10**999999999."""
+
 ASTROPY_UNITS = {"psd_v2_hz": "V2 / Hz", "flux_w_m2_hz": "W / (m2 Hz)"}
 
 
@@ -120,7 +123,7 @@ def in_unit(values: npt.NDArray[Any], unit: str, quantity: str) -> None:
 def _parsed_factor(unit: str, quantity: str) -> float | None:
     """From a unit that astropy understands to that of a quantity: 1 from what is no unit, None from that of another."""
     is_known = any(re.match(f"({begins})$", _plain_unit(unit)) for begins, _ in UNITS_OF)
-    if quantity not in ASTROPY_UNITS or is_known or not unit.strip():
+    if quantity not in ASTROPY_UNITS or is_known or not unit.strip() or NO_UNIT.search(unit):
         return 1.0
     from astropy import units as u  # noqa: PLC0415 - heavy, and few files need it
 

@@ -189,6 +189,7 @@ def test_flux_at_1_au_is_in_solar_flux_units(tmp_path: Path, unit: str, per_sfu:
         ("kJy", "flux_w_m2_hz", 1e-23),
         ("sfu", "relative_flux", 1.0),
         ("arbitrary", "flux_w_m2_hz", 1.0),
+        ("10**999999999 Jy", "flux_w_m2_hz", 1.0),
     ],
 )
 def test_intensity_is_converted_from_its_unit(tmp_path: Path, unit: str, quantity: str, factor: float) -> None:
