@@ -249,9 +249,11 @@ class Beside:
         return None
 
     def _fitted(self, name: str, values: npt.NDArray[Any]) -> npt.NDArray[Any] | None:
-        if values.ndim == len(self._shape) + 1 and values.shape[:-1] == self._shape:
-            count = np.isfinite(values).sum(axis=-1)
-            values = np.where(count > 0, np.nansum(values, axis=-1) / np.maximum(count, 1), np.nan)
+        wanted = self._shape if self._cdf.varies(name) else self._shape[-1:]
+        along = [one for one in range(values.ndim) if (*values.shape[:one], *values.shape[one + 1 :]) == wanted]
+        if along and values.shape != self._shape:
+            count = np.isfinite(values).sum(axis=along[-1])
+            values = np.where(count > 0, np.nansum(values, axis=along[-1]) / np.maximum(count, 1), np.nan)
         if values.shape == self._shape:
             return values
         whole = values.squeeze()
