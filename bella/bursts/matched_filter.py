@@ -187,7 +187,7 @@ def over_quiet(spectrum: xr.Dataset) -> xr.Dataset:
         If the quantity of the spectrum is not known.
     """
     measured = spectrum
-    if "interpolated" in spectrum:
+    if "interpolated" in spectrum and spectrum["interpolated"].any():
         measured = spectrum.isel(frequency=np.flatnonzero(spectrum["interpolated"].to_numpy() == 0))
     is_without = spectrum.attrs["quantity"] == "relative_flux" or measured.sizes["frequency"] == 0
     return measured if is_without else over_background(measured)
@@ -238,17 +238,19 @@ def _raised(spectrum: xr.Dataset) -> xr.Dataset:
 def _binned(over: xr.Dataset, start: np.datetime64) -> FloatArray:
     """Mean of the samples in every cell."""
     column = np.searchsorted(EDGES_MHZ, over["frequency"].to_numpy(), side="right") - 1
-    inside = (column >= 0) & (column < CHANNELS)
-    times = sample_times(over).to_numpy()[:, inside]
-    row = ((times - start) / np.timedelta64(1, "s") // STEP_S).astype(np.intp)
-    values = over["intensity"].to_numpy()[:, inside].astype(np.float64)
-    minutes = int(row.max(initial=0)) + 1
-    known = np.isfinite(values) & (row >= 0)
-    cell = (row * CHANNELS + column[inside])[known]
-    count = np.bincount(cell, minlength=minutes * CHANNELS)
-    total = np.bincount(cell, weights=values[known], minlength=minutes * CHANNELS)
-    with np.errstate(invalid="ignore"):
-        return np.asarray((total / np.where(count, count, np.nan)).reshape(minutes, CHANNELS))
+    times, intensity = sample_times(over).to_numpy(), over["intensity"].to_numpy()
+    inside = times[:, (column >= 0) & (column < CHANNELS)]
+    last = inside.max() if inside.size else start
+    mean = np.full((max(int((last - start) / np.timedelta64(1, "s") // STEP_S), 0) + 1, CHANNELS), np.nan)
+    for channel in range(CHANNELS):  # one by one, as a day may have a sample every 6 ms
+        of = column == channel
+        row = ((times[:, of] - start) / np.timedelta64(1, "s") // STEP_S).astype(np.intp)
+        values = intensity[:, of].astype(np.float64)
+        known = np.isfinite(values) & (row >= 0)
+        count = np.bincount(row[known], minlength=len(mean))
+        total = np.bincount(row[known], weights=values[known], minlength=len(mean))
+        mean[:, channel] = total / np.where(count, count, np.nan)
+    return mean
 
 
 def _despiked(excess_db: FloatArray) -> FloatArray:

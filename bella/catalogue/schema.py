@@ -136,7 +136,8 @@ def _prepare_file(engine: Engine, *, create: bool) -> None:
     # process (POSIX), and two processes would then write at once
     with translated(engine.url), engine.connect() as connection:
         status = path.stat()
-        if (status.st_dev, status.st_ino) not in _SOUND_FILES:  # reads all of it, so not at every opening
+        # reads all of it, so once, and only before something may be written: who reads is told of damage by SQLite
+        if create and (status.st_dev, status.st_ino) not in _SOUND_FILES:
             if connection.exec_driver_sql("PRAGMA quick_check(1)").scalar() != "ok":
                 raise StoreError(f"{path} is damaged: restore it from a backup or move it away")
             _SOUND_FILES.add((status.st_dev, status.st_ino))

@@ -269,10 +269,11 @@ def timed_burst(files: DayFiles, one: FoundBurst) -> BurstInput:
     names = [member.searched.observatory for member in members]
     try:
         parts = [burst_spectrum(member.searched, member.candidate) for member in members]
-        timed = {edge: time_burst(parts, edge) for edge in one.edges}
-        reason = why_not_timed(timed[HALF_RISE], names)
+        flanks = time_burst(parts, HALF_RISE)
+        reason = why_not_timed(flanks, names)
         if reason:
             raise NotPlacedError(reason.removeprefix(NOT_LOCALISABLE))
+        timed = {edge: flanks if edge == HALF_RISE else time_burst(parts, edge) for edge in one.edges}
         kept = {edge: each for edge, each in timed.items() if not why_not_timed(each, names)}
         arrivals = {
             edge: with_stated_positions(

@@ -84,12 +84,14 @@ def draw_burst(given: BurstInput, solutions: Sequence[Drawn], settings: Settings
 
 def _draw(given: BurstInput, solutions: Sequence[Drawn], settings: Settings, around: Surroundings) -> None:
     positions = [one for one in solutions if one.has_positions]
-    views = [
-        TrackView(
-            edge_name(one.solution.series.edge), open_group(settings.store_root, one.solution.store_path), one.track
+    answers = {
+        one.solution.solution_id: AnswerData(
+            one.solution, open_group(settings.store_root, one.solution.store_path), one.track
         )
-        for one in positions
-    ]
+        for one in solutions
+    }
+    opened = [answers[one.solution.solution_id] for one in positions]
+    views = [TrackView(edge_name(one.solution.series.edge), one.posterior, one.track) for one in opened]
     burst = given.burst
     said, warning = f"Burst {burst.burst_id}. BELLA service {__version__}.", origin_warning(burst.origin)
     advance = counter("figures", len(figure_paths(given, solutions, settings)))
@@ -113,22 +115,17 @@ def _draw(given: BurstInput, solutions: Sequence[Drawn], settings: Settings, aro
         for path in collapsed_figures(given, solutions, settings):
             write_whole(path, profile)
             advance(1)
+    paths = {one.solution.spectra_path for one in complete(solutions)}
+    trees = {path: open_tree(settings.store_root, path) if path else None for path in paths}
     for one in complete(solutions):
-        _keep_page(given, one, settings)
+        shown = replace(burst, spectra_path=one.solution.spectra_path)
+        look = first_look(shown, answers[one.solution.solution_id], trees[shown.spectra_path])
+        keep_first_look(page_path(given, one, settings), look)
         advance(1)
     if given.spectra is not None:
         drawn = spectra_figure(given.spectra, given.channel_edges, SpectraView())
         write_figure(spectra_path(given, settings), drawn, Caption(spectra_caption("spacecraft"), said, warning))
         advance(1)
-
-
-def _keep_page(given: BurstInput, drawn: Drawn, settings: Settings) -> None:
-    """Keep what the page of a burst shows of a solution at first."""
-    solution, root = drawn.solution, settings.store_root
-    burst = replace(given.burst, spectra_path=solution.spectra_path)
-    answer = AnswerData(solution, open_group(root, solution.store_path), drawn.track)
-    tree = open_tree(root, solution.spectra_path) if solution.spectra_path else None
-    keep_first_look(page_path(given, drawn, settings), first_look(burst, answer, tree))
 
 
 def page_path(given: BurstInput, drawn: Drawn, settings: Settings) -> Path:

@@ -235,7 +235,7 @@ def picture(share: FloatArray, colours: Sequence[str], stretch: float = 1.0, **a
     image = Image.fromarray(index.astype(np.uint8), mode="P")
     image.putpalette([*_colours(np.linspace(0.0, 1.0, levels), colours).ravel().tolist(), 0, 0, 0])
     kept = io.BytesIO()
-    image.save(kept, "PNG", transparency=levels, optimize=True)
+    image.save(kept, "PNG", transparency=levels)
     data = base64.b64encode(kept.getvalue()).decode("ascii")
     return element("image", href=f"data:image/png;base64,{data}", preserveAspectRatio="none", **attributes)
 

@@ -28,7 +28,7 @@ LARGEST_SPREAD_DB = 1.5
 """How far the quartiles of the channels may be apart where a lift counts as a step of the gain."""
 
 FEWEST_CHANNELS_FOR_A_STEP = 8
-CHANNELS_AT_ONCE = 64
+CHANNELS_AT_ONCE = 32
 """Channels whose samples are turned at once, so that a long day takes little memory."""
 
 QUIET_SD = 2.0

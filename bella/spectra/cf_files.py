@@ -21,11 +21,12 @@ from bella.exceptions import InputError, require_extra
 from bella.records import Origin
 from bella.spacecraft import observatory_name
 from bella.spectra.assembly import ascending, cadence_s, dates_in, shared_channels
-from bella.spectra.beside import FLAGS, LONGEST_SWEEP_S, SECONDS, SFU
+from bella.spectra.beside import FLAGS, LONGEST_SWEEP_S, SECONDS, SFU, flag_words, interpolated_where
 from bella.spectra.dynamic_spectrum import (
     ATTRIBUTES,
     OPTIONAL_DIMENSIONS,
     POSITION,
+    QUANTITIES,
     in_unit,
     unit_of_another,
     validate_spectrum,
@@ -52,6 +53,17 @@ LOWEST_MHZ, IMPOSSIBLE_MHZ = 1e-3, 1e6
 
 FIRST, LAST = np.datetime64("1950-01-01", "ns"), np.datetime64("2060-01-01", "ns")
 DAY = np.timedelta64(1, "D")
+OTHER_CLOCK = re.compile(r"(TAI|TT|TDT|TDB|TCB|TCG|ET|GPS)\b", re.IGNORECASE)
+"""Scales of time that are not UTC, as attributes state them."""
+
+SCALE_OF_TIME = {"scale", "time_scale", "timescale", "time_system", "timesys", "time_standard"}
+WORST_ROUNDING = 0.1
+"""Times are stored too coarsely where they are rounded to this share of the step between records."""
+
+NO_POSITION_KM = 1e15
+NAMED = "bella_named"
+"""Attribute of a flag: its name in the file, which may say that it is of what was not interpolated."""
+
 LEAP_SECOND = re.compile(r"^(.{10}.\d\d:\d\d:)60")
 """Of text; datetime64 has none, so it is the first of the next day."""
 
@@ -180,7 +192,9 @@ def as_spectrum(stored: xr.Dataset | xr.DataArray, source: str, file_name: str =
     """
     if isinstance(stored, xr.DataArray):
         stored = stored.to_dataset(name="intensity").assign_attrs(stored.attrs)
-    spectrum = _with_axes(_on_one_list(_in_our_names(stored.load()), source))
+    named = _in_our_names(stored.load())
+    _check_clock(named, source)
+    spectrum = _with_axes(_on_one_list(named, source))
     given = spectrum.attrs
     if not isinstance(given.get("observatory", ""), str):
         raise InputError(
@@ -222,13 +236,39 @@ def _in_our_names(stored: xr.Dataset) -> xr.Dataset:
         if wanted and is_free and name not in renamed:
             renamed[name] = wanted
     spectrum = stored.rename(renamed)
+    for name in (name for name, ours in renamed.items() if ours == "interpolated" and ours in spectrum.variables):
+        spectrum["interpolated"].attrs[NAMED] = str(name)
     spectrum.attrs = {
         (_plain(name) if _plain(name) in (*ATTRIBUTES, "origin", "power_exponent") else name): _single(value)
         for name, value in stored.attrs.items()
     }
+    for variable in spectrum.variables.values():
+        for name in [one for one in variable.attrs if _plain(one) in {"unit", "units"}]:
+            variable.attrs.setdefault("units", _single(variable.attrs[name]))
     if "quantity" in spectrum.attrs:
         spectrum.attrs["quantity"] = _plain(spectrum.attrs["quantity"])
     return spectrum
+
+
+def _check_clock(spectrum: xr.Dataset, source: str) -> None:
+    """Refuse times that are not in UTC, or that rounding has merged."""
+    if "time" not in spectrum.variables:
+        return
+    time = spectrum["time"]
+    for name, value in (*spectrum.attrs.items(), *time.attrs.items()):
+        if _plain(name) in SCALE_OF_TIME and OTHER_CLOCK.match(str(value).strip()):
+            raise InputError(f"{source}: its times are in {str(value).strip()}: convert them to UTC, and say so")
+    if time.dtype.kind != "M" or np.dtype(time.encoding.get("dtype", "f8")) != np.float32 or time.size < 2:
+        return
+    ends = np.array([time.to_numpy().min(), time.to_numpy().max()])
+    how = {name: time.encoding[name] for name in ("units", "calendar") if name in time.encoding}
+    stored = xr.conventions.encode_cf_variable(xr.Variable("time", ends, encoding={**how, "dtype": "f8"})).values
+    if not np.isfinite(stored).all() or stored[0] == stored[1]:
+        return
+    unit_s = float((ends[1] - ends[0]) / np.timedelta64(1, "s")) / (stored[1] - stored[0])
+    rounded_s = float(np.spacing(np.float32(np.abs(stored).max()))) * unit_s
+    if rounded_s > WORST_ROUNDING * cadence_s(time.to_numpy().ravel()):
+        raise InputError(f"{source}: its times are float32 and so rounded to {rounded_s:.3g} s: store them as float64")
 
 
 def _single(value: Any) -> Any:
@@ -331,7 +371,7 @@ def _intensity(spectrum: xr.Dataset, source: str) -> xr.DataArray:
     lowest, highest = _valid(values.attrs)
     intensity[(intensity < lowest) | (intensity > highest) | ~np.isfinite(intensity)] = np.nan
     unit, quantity = str(values.attrs.get("units", "")), str(spectrum.attrs.get("quantity", ""))
-    if unit_of_another(unit, quantity):
+    if quantity in QUANTITIES and unit_of_another(unit, quantity):
         raise InputError(f"{source}: intensity is in {unit!r}, which is no {quantity}: correct its unit or 'quantity'")
     intensity = without_fill(intensity, quantity)
     in_unit(intensity, unit, quantity)
@@ -383,6 +423,8 @@ def _check_age(time: npt.NDArray[Any], source: str, file_name: str) -> None:
 def _with_sample_times(spectrum: xr.Dataset, source: str) -> xr.Dataset:
     """With the time of the record for samples that have none; one far from it is no time of it."""
     late_s = None
+    if "sample_offset_s" in spectrum and spectrum["sample_offset_s"].dtype.kind == "m":
+        spectrum = spectrum.assign(sample_offset_s=spectrum["sample_offset_s"] / np.timedelta64(1, "s"))
     if "sample_time" in spectrum and spectrum["sample_time"].dtype.kind == "M":
         filled = spectrum["sample_time"].astype("datetime64[ns]").fillna(spectrum["time"])
         spectrum = spectrum.assign(sample_time=filled.transpose(*spectrum["sample_time"].dims))
@@ -390,6 +432,10 @@ def _with_sample_times(spectrum: xr.Dataset, source: str) -> xr.Dataset:
     elif "sample_offset_s" in spectrum and spectrum["sample_offset_s"].dtype.kind in "iuf":
         late_s = _in(SECONDS, spectrum["sample_offset_s"], source).fillna(0.0)
         spectrum = spectrum.assign(sample_offset_s=late_s)
+        if "time" in late_s.dims and set(late_s.dims) <= set(FORM):
+            late = (late_s * 1e9).round().astype("timedelta64[ns]").broadcast_like(spectrum["intensity"])
+            sample_time = (spectrum["time"] + late).transpose(*FORM)
+            spectrum = spectrum.drop_vars("sample_offset_s").assign(sample_time=sample_time)
     if late_s is not None and late_s.size and float(np.abs(late_s).max()) > LONGEST_SWEEP_S:
         raise InputError(
             f"{source}: samples are up to {float(np.abs(late_s).max()):.0f} s from the time of their record: give "
@@ -403,6 +449,9 @@ def _with_position(spectrum: xr.Dataset) -> xr.Dataset:
     if POSITION not in spectrum or spectrum[POSITION].dtype.kind not in "iuf":
         return spectrum
     stated = spectrum[POSITION]
+    others = [dim for dim in stated.dims if dim not in {"time", "axis"}]
+    if len(others) == 1 and stated.sizes[others[0]] == 3 and "axis" not in spectrum.dims:
+        stated = stated.rename({others[0]: "axis"}).transpose(..., "axis")
     if stated.dims == ("axis",) and "time" in spectrum.sizes:
         stated = stated.expand_dims(time=spectrum.sizes["time"]).transpose("time", "axis")
     factor = KILOMETRES.get(str(stated.attrs.get("units", "km")).lower().strip(), 0.0)
@@ -410,7 +459,9 @@ def _with_position(spectrum: xr.Dataset) -> xr.Dataset:
         return spectrum.assign({POSITION: stated.copy()})
     frame = str(stated.attrs.get("frame", "")).strip().lower()
     attributes = {**stated.attrs, "units": "km"} | ({"frame": frame} if frame else {})
-    return spectrum.assign({POSITION: (stated.dims, stated.to_numpy().astype(np.float64) * factor, attributes)})
+    position_km = stated.to_numpy().astype(np.float64) * factor
+    position_km[~(np.abs(position_km) < NO_POSITION_KM)] = np.nan
+    return spectrum.assign({POSITION: (stated.dims, position_km, attributes)})
 
 
 def _ordered(spectrum: xr.Dataset) -> xr.Dataset:
@@ -434,7 +485,14 @@ def _with_flags(spectrum: xr.Dataset) -> xr.Dataset:
     if "interpolated" not in spectrum or spectrum["interpolated"].dtype.kind not in "biuf":
         return spectrum
     flag = spectrum["interpolated"]
-    flagged = (flag != 0) & flag.notnull()
+    named = str(flag.attrs.get(NAMED, "interpolated"))
+    stated = (np.atleast_1d(flag.attrs.get(name, "")) for name in ("flag_values", "flag_meanings"))
+    values, meanings = (" ".join(map(str, one)) for one in stated)
+    described = " ".join(str(flag.attrs.get(one, "")) for one in ("long_name", "description", "comment"))
+    found = interpolated_where(flag.to_numpy().astype(np.float64), named, flag_words(described, values, meanings))
+    if found is None:  # values that were interpolated, no flags
+        return spectrum.drop_vars("interpolated")
+    flagged = flag.copy(data=found).drop_attrs()
     if flagged.dims == ("frequency",) or not set(flagged.dims) <= set(FORM):
         return spectrum.assign(interpolated=flagged)
     whole = flagged.broadcast_like(spectrum["intensity"]).transpose(*FORM)

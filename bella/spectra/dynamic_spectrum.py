@@ -24,6 +24,7 @@ Whatever is written in this form to netCDF or Zarr can be fed in, whichever inst
 """
 
 import re
+import warnings
 from typing import Any
 
 import numpy as np
@@ -85,6 +86,11 @@ UNITS_OF = (
 )
 """Beginnings of units, as plain text, and the quantities that can be in them."""
 
+NO_UNIT = re.compile(r"\d{4}|.{60}", re.DOTALL)
+"""What no unit has; astropy would compute 10**999999999."""
+
+ASTROPY_UNITS = {"psd_v2_hz": "V2 / Hz", "flux_w_m2_hz": "W / (m2 Hz)"}
+
 
 def _plain_unit(unit: str) -> str:
     plain = re.sub(r"[\s^*{}()\[\]_.]", "", unit.lower().replace("µ", "u").replace("μ", "u"))
@@ -94,7 +100,7 @@ def _plain_unit(unit: str) -> str:
 def unit_of_another(unit: str, quantity: str) -> bool:
     """Whether a unit, as a file states it, can only be that of another quantity."""
     found = [quantities for begins, quantities in UNITS_OF if re.match(begins, _plain_unit(unit))]
-    return any(quantity not in quantities for quantities in found)
+    return any(quantity not in quantities for quantities in found) or _parsed_factor(unit, quantity) is None
 
 
 def in_unit(values: npt.NDArray[Any], unit: str, quantity: str) -> None:
@@ -109,9 +115,23 @@ def in_unit(values: npt.NDArray[Any], unit: str, quantity: str) -> None:
     quantity : str
         One of ``QUANTITIES``.
     """
-    factor = UNIT_FACTORS.get(quantity, {}).get(_plain_unit(unit), 1.0)
+    factor = UNIT_FACTORS.get(quantity, {}).get(_plain_unit(unit)) or _parsed_factor(unit, quantity) or 1.0
     if factor != 1.0 and np.nanmax(values, initial=0.0) * factor > SMALLEST[quantity]:
         values *= values.dtype.type(factor)
+
+
+def _parsed_factor(unit: str, quantity: str) -> float | None:
+    """From a unit that astropy understands to that of a quantity: 1 from what is no unit, None from that of another."""
+    is_known = any(re.match(f"({begins})$", _plain_unit(unit)) for begins, _ in UNITS_OF)
+    if quantity not in ASTROPY_UNITS or is_known or not unit.strip() or NO_UNIT.search(unit):
+        return 1.0
+    from astropy import units as u  # noqa: PLC0415 - heavy, and few files need it
+
+    with warnings.catch_warnings(action="ignore"):  # of ways to write units that are understood all the same
+        stated = u.Unit(unit, parse_strict="silent")
+    if isinstance(stated, u.UnrecognizedUnit) or stated == u.dimensionless_unscaled:
+        return 1.0
+    return float(stated.to(ASTROPY_UNITS[quantity])) if stated.is_equivalent(ASTROPY_UNITS[quantity]) else None
 
 
 def without_fill(intensity: npt.NDArray[Any], quantity: str) -> npt.NDArray[Any]:
@@ -205,7 +225,7 @@ def _wrong_axis(spectrum: xr.Dataset) -> str:
 
 def _wrong_order(time: npt.NDArray[np.datetime64], frequency: FloatArray) -> str:
     if time.size < 2 or frequency.size < 1:
-        return f"it holds {time.size} records of {frequency.size} channels: give at least two records of one"
+        return f"it holds {time.size} records of {frequency.size} channels: give at least two records of one channel"
     if np.isnat(time).any() or not (np.diff(time) > np.timedelta64(0)).all():
         return "coordinate 'time' does not ascend: sort the records and drop repeated ones"
     if not (np.isfinite(frequency).all() and frequency[0] > 0.0 and (np.diff(frequency) > 0.0).all()):
@@ -218,6 +238,9 @@ def _wrong_variable(spectrum: xr.Dataset) -> str:
         return f"variable 'intensity' is {spectrum['intensity'].dtype}: use float32, NaN where there are no data"
     expected = {"intensity": ("time", "frequency"), **OPTIONAL_DIMENSIONS}
     for name, dims in expected.items():
+        if name in spectrum and set(surplus := spectrum[name].dims) > set(dims):
+            (first, *_) = (dim for dim in surplus if dim not in dims)
+            return f"variable {name!r} has {spectrum.sizes[first]} values along {str(first)!r}: select one of them"
         if name in spectrum and spectrum[name].dims != dims:
             return f"variable {name!r} has dimensions {spectrum[name].dims}: order them {dims}"
     return _wrong_position(spectrum) if POSITION in spectrum else ""

@@ -22,8 +22,10 @@ from bella.store.digest import content_lines, datasets_of, is_text, sha256_of_li
 from bella.store.layout import FOLDER, STAGING, SUFFIX, flush, flush_tree, inside
 from bella.store.reading import ROOT, open_group, read_everything
 
-# a chunk holds one parameter at one frequency, whose bytes are alike and pack well; a shard keeps them together
 _SHARDED = "draws"
+_TOGETHER = 10
+"""A chunk holds one parameter, whose bytes are alike and pack well, at so many frequencies at most; a shard keeps them
+together. Zarr takes 0.4 ms of CPU for a chunk, of whatever size."""
 _SHUFFLED_ZSTD = {"cname": "zstd", "clevel": 5, "shuffle": "shuffle"}
 """Level 9 takes 0.9 s of CPU for a solution in place of 0.3 s, and saves 3 per cent."""
 _ROUNDED = {"draws": "draw", "joint_draws": "joint_draw", "joint_range_rsun": "joint_draw"}
@@ -265,7 +267,8 @@ def _encoding(name: Any, variable: xr.Variable) -> dict[str, Any]:
         encoding |= {"dtype": "int64"}
     if name == _SHARDED and variable.ndim > 1 and variable.size:
         shard = variable.shape
-        encoding |= {"chunks": (1, *shard[1:-1], 1), "shards": shard}
+        together = max(number for number in range(1, _TOGETHER + 1) if shard[0] % number == 0)
+        encoding |= {"chunks": (together, *shard[1:-1], 1), "shards": shard}
     encoding["compressors"] = [*_codecs(variable), zarr.codecs.Crc32cCodec()]
     return {key: value for key, value in encoding.items() if value is not None or key == "_FillValue"}
 

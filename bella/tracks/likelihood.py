@@ -132,7 +132,7 @@ class Likelihood:
         """The same, where the residuals are known."""
         angles = 0.0 if self.directions is None else (self.turned(phi0_rad, z) ** 2).sum(axis=-1)
         norm = self.log_norm + (0.5 * self.directions.log_norm if self.directions is not None else 0.0)
-        return np.asarray(norm - 0.5 * (self.chi2(residual_s) + angles + (z**2).sum(axis=-1)))
+        return np.asarray(norm - 0.5 * (self.chi2(residual_s) + angles + (self.track.free(z) ** 2).sum(axis=-1)))
 
     def normal_equations(
         self, residual_s: FloatArray, phi0_rad: FloatArray, z: FloatArray
@@ -140,8 +140,8 @@ class Likelihood:
         """Gauss-Newton's matrix, shape (B, P, P), and the gradient of the log density, shape (B, P)."""
         slope = self.track.slopes_s(phi0_rad, z, self.seen.rows)[:, :-1]
         weighed = (slope.reshape(-1, slope.shape[-1]) @ self.weight).reshape(slope.shape)
-        matrix = np.einsum("bpn,bqn->bpq", weighed, slope, optimize=True) + np.eye(z.shape[1])
-        gradient = np.einsum("bpn,bn->bp", weighed, residual_s) - z
+        matrix = weighed @ slope.transpose(0, 2, 1) + np.eye(z.shape[1])
+        gradient = np.einsum("bpn,bn->bp", weighed, residual_s) - self.track.free(z)
         if self.directions is None:
             return matrix, gradient
         basis = self.track.basis(self.directions.frequency_mhz)

@@ -204,10 +204,13 @@ class Track:
     ----------
     band_mhz : (float, float)
         Lowest and highest frequency.
+    holds_delay : bool
+        Whether the directional delay stays as it is given in z: then it has no prior, and nothing changes with it.
     """
 
     model: TrackModel
     band_mhz: tuple[float, float]
+    holds_delay: bool = False
 
     @property
     def winds(self) -> int:
@@ -255,6 +258,10 @@ class Track:
         coefficients = z[..., its_level : its_level + its_root.shape[1]] @ its_root.T
         found[..., level : level + root.shape[1]] = coefficients @ np.linalg.pinv(root).T
         return found
+
+    def free(self, z: FloatArray) -> FloatArray:
+        """Parameters with 0 in place of a delay that is held, shape (..., P)."""
+        return z if not self.holds_delay else np.where(np.arange(self.size) == self.winds, 0.0, z)
 
     def slowness(self, z: FloatArray) -> FloatArray:
         """400 km/s over the speed of the wind in each part, shape (..., winds), within its limits."""
@@ -359,7 +366,8 @@ class Track:
         )
         of_place = self.chained(z, range_rsun, basis, range_rsun * by_range, by_turn)
         slopes = np.concatenate([of_place, by_turn[:, None]], axis=1)
-        slopes[:, self.winds] = self.model.delay.kappa_sd * rows.rise_s * (1 - sight.cosine)
+        if not self.holds_delay:
+            slopes[:, self.winds] = self.model.delay.kappa_sd * rows.rise_s * (1 - sight.cosine)
         if self.model.emission != "free":
             self._add_beam(slopes, z, range_rsun, basis @ self._ln_range[1])
         return slopes

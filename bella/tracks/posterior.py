@@ -9,13 +9,14 @@ what they miss of the smooth curves of the model. So the posterior is the mean o
 weight that the delay has before the data.
 """
 
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Generator, Sequence
+from dataclasses import dataclass, fields, replace
 
 import numpy as np
 from scipy.special import logsumexp
 
 from bella.tracks.likelihood import Likelihood
+from bella.tracks.model import Track
 from bella.units import FloatArray
 
 COARSE = 48
@@ -83,9 +84,8 @@ class Nodes:
 
     def and_also(self, other: "Nodes") -> "Nodes":
         """Both, by longitude."""
-        joined = [np.concatenate([getattr(self, name), getattr(other, name)]) for name in self.__dataclass_fields__]
-        order = np.argsort(joined[0])
-        return Nodes(*(values[order] for values in joined))
+        joined = Nodes(*(np.concatenate([getattr(one, each.name) for one in (self, other)]) for each in fields(Nodes)))
+        return joined.take(np.argsort(joined.phi0_rad))
 
 
 @dataclass(frozen=True)
@@ -164,14 +164,53 @@ def around_the_circle(likelihood: Likelihood, near: Nodes | None = None) -> Node
     Nodes
         By longitude, from -180 degrees.
     """
+    return _together(likelihood, [_search(likelihood.track, near)])[0]
+
+
+@dataclass(frozen=True)
+class _Climb:
+    """Where a search asks for the best parameters; arguments of :func:`climb`."""
+
+    phi0_rad: FloatArray
+    z: FloatArray
+    iterations: int = ITERATIONS
+
+
+Search = Generator[_Climb, Nodes, Nodes]
+"""Asks for climbs one after the other, and ends with the nodes on the circle."""
+
+
+def _together(likelihood: Likelihood, searches: Sequence[Search]) -> list[Nodes]:
+    """Nodes of several searches: what all of them ask for is climbed at once, which costs little more than for one."""
+    done: dict[int, Nodes] = {}
+    asked = {number: next(search) for number, search in enumerate(searches)}
+    while asked:
+        limit = max(one.iterations for one in asked.values())
+        now = {number: one for number, one in asked.items() if one.iterations == limit}
+        phi0, z = (np.concatenate([getattr(one, name) for one in now.values()]) for name in ("phi0_rad", "z"))
+        found, first = climb(likelihood, phi0, z, limit), 0
+        for number, one in now.items():
+            part = found.take(np.arange(first, first + len(one.z)))
+            first += len(one.z)
+            try:
+                asked[number] = searches[number].send(part)
+            except StopIteration as end:
+                done[number] = end.value
+                del asked[number]
+    return [done[number] for number in range(len(searches))]
+
+
+def _search(track: Track, near: Nodes | None) -> Search:
+    """Nodes around the circle: first far apart, then closer and closer where the posterior is."""
     phi0 = -np.pi + 2 * np.pi * np.arange(COARSE) / COARSE
     if near is None:
-        begins = np.zeros((len(STARTS), COARSE, likelihood.track.size))
-        begins[:, :, likelihood.track.winds + 1] = np.array(STARTS)[:, None]
-        nodes = _best([climb(likelihood, phi0, begin, FIRST_ITERATIONS) for begin in begins])
+        begin = np.zeros((len(STARTS), COARSE, track.size))
+        begin[:, :, track.winds + 1] = np.array(STARTS)[:, None]
+        found = yield _Climb(np.tile(phi0, len(STARTS)), begin.reshape(-1, track.size), FIRST_ITERATIONS)
+        nodes = _best(found)
     else:
-        nodes = climb(likelihood, phi0, near.z_at(phi0), NEAR_ITERATIONS)
-    _fit_from_neighbours(likelihood, nodes, (0, 1, -1) if near is None else (0,))
+        nodes = yield _Climb(phi0, near.z_at(phi0), NEAR_ITERATIONS)
+    yield from _fit_from_neighbours(nodes, (0, 1, -1) if near is None else (0,))
     spacing = 2 * np.pi / COARSE
     while True:
         evidence = nodes.log_evidence
@@ -182,30 +221,27 @@ def around_the_circle(likelihood: Likelihood, near: Nodes | None = None) -> Node
         spacing /= 3
         more = np.unique(np.round(_wrapped(nodes.phi0_rad[likely, None] + spacing * np.array([-1, 1])), 9))
         more = more[np.abs(_wrapped(more[:, None] - nodes.phi0_rad)).min(axis=1) > 0.5 * spacing]
-        nodes = nodes.and_also(climb(likelihood, more, nodes.z_at(more)))
+        nodes = nodes.and_also((yield _Climb(more, nodes.z_at(more))))
 
 
-def _fit_from_neighbours(likelihood: Likelihood, nodes: Nodes, beside: tuple[int, ...]) -> None:
+def _fit_from_neighbours(nodes: Nodes, beside: tuple[int, ...]) -> Generator[_Climb, Nodes, None]:
     """Fit the hopeful nodes to the end, and on from those that became better, until no neighbour gains."""
     changed = np.flatnonzero(nodes.log_evidence > nodes.log_evidence.max() - HOPEFUL)
     while changed.size:
         target = np.concatenate([(changed + side) % COARSE for side in beside])
-        found = climb(likelihood, nodes.phi0_rad[target], nodes.z[np.tile(changed, len(beside))])
+        found = yield _Climb(nodes.phi0_rad[target], nodes.z[np.tile(changed, len(beside))])
         hopeful = found.log_evidence > nodes.log_evidence.max() - HOPEFUL
         better = np.flatnonzero(hopeful & (found.log_evidence > nodes.log_evidence[target] + GAIN))
         better = better[np.argsort(found.log_evidence[better])]  # of two for one node the better is written last
-        for name in Nodes.__dataclass_fields__:
-            getattr(nodes, name)[target[better]] = getattr(found, name)[better]
+        for each in fields(Nodes):
+            getattr(nodes, each.name)[target[better]] = getattr(found, each.name)[better]
         changed, beside = np.unique(target[better]), (1, -1)
 
 
-def _best(tried: list[Nodes]) -> Nodes:
-    """Of several nodes at each longitude the one with the largest evidence."""
-    which = np.argmax([one.log_evidence for one in tried], axis=0)
-    place = np.arange(which.size)
-    return Nodes(
-        *(np.stack([getattr(one, name) for one in tried])[which, place] for name in Nodes.__dataclass_fields__)
-    )
+def _best(found: Nodes) -> Nodes:
+    """Of the nodes from each of `STARTS`, one after the other, those with the largest evidence at each longitude."""
+    which = found.log_evidence.reshape(len(STARTS), COARSE).argmax(axis=0)
+    return found.take(which * COARSE + np.arange(COARSE))
 
 
 def _wrapped(angle_rad: FloatArray) -> FloatArray:
@@ -272,17 +308,18 @@ def propagated(likelihood: Likelihood, nodes: Nodes, number: int, rng: np.random
     delay, place = track.model.delay, track.winds
     if not delay.kappa_sd > 0:
         return nodes, sample(likelihood, nodes, number, rng)
-    each, drawn = [], []
-    for turn, one in enumerate(KAPPA_NODES):
+    held = replace(likelihood, track=replace(track, holds_delay=True))
+    each = _together(held, [_search(held.track, _with_delay(nodes, place, one)) for one in KAPPA_NODES])
+    drawn = []
+    for turn, (one, around) in enumerate(zip(KAPPA_NODES, each, strict=True)):
         fixed = replace(track.model, delay=replace(delay, kappa=delay.kappa + one * delay.kappa_sd, kappa_sd=0.0))
         part = replace(likelihood, track=replace(track, model=fixed))
-        around = around_the_circle(part, _with_delay(nodes, place, one))
+        around.z[:, place] = 0.0
         share = (turn + 1) * number // len(KAPPA_NODES) - turn * number // len(KAPPA_NODES)
         some = sample(part, around, share, rng)
         if some.effective < LEAST_OF_A_DELAY:
             some = replace(some, weight=np.full(share, 1 / share))
         some.z[:, place] = one
-        each.append(around)
         drawn.append(replace(some, weight=some.weight * KAPPA_SHARES[turn]))
     draws = Draws(
         np.concatenate([one.phi0_rad for one in drawn]),
@@ -298,7 +335,7 @@ def _with_delay(nodes: Nodes, place: int, value: float) -> Nodes:
     column = np.linalg.inv(nodes.hessian)[:, :, place]
     moved = column / column[:, [place]] * (value - nodes.z[:, [place]])
     z = nodes.z + np.clip(moved, -LARGEST_STEP, LARGEST_STEP)
-    z[:, place] = 0.0
+    z[:, place] = value
     return replace(nodes, z=z)
 
 

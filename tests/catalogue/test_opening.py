@@ -119,14 +119,16 @@ def test_damage_inside_is_found_by_the_next_process(
     sqlite_url: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     with Catalogue.open(sqlite_url, create=True) as catalogue:
-        catalogue.publish(publication())
+        solution_id = catalogue.publish(publication()).solution_id
     with closing(sqlite3.connect(tmp_path / "catalogue.sqlite")) as known:
         (page,) = known.execute("SELECT rootpage FROM sqlite_master WHERE name = 'localisation'").fetchone()
     damage(tmp_path / "catalogue.sqlite", slice(4096 * (page - 1), 4096 * page))
-    Catalogue.open(sqlite_url).close()  # this process has checked the file already
+    Catalogue.open(sqlite_url, create=True).close()  # this process has checked the file already
     monkeypatch.setattr("bella.catalogue.schema._SOUND_FILES", set())
     with pytest.raises(StoreError, match="is damaged"):
-        Catalogue.open(sqlite_url)
+        Catalogue.open(sqlite_url, create=True)
+    with Catalogue.open(sqlite_url) as reader, pytest.raises(StoreError, match="is damaged"):  # does not read it all
+        reader.localisations(solution_id)
 
 
 def test_a_truncated_file_is_refused(sqlite_url: str, tmp_path: Path) -> None:
@@ -135,7 +137,7 @@ def test_a_truncated_file_is_refused(sqlite_url: str, tmp_path: Path) -> None:
     file = tmp_path / "catalogue.sqlite"
     file.write_bytes(file.read_bytes()[: file.stat().st_size // 2])
     with pytest.raises(StoreError, match="damaged"):
-        Catalogue.open(sqlite_url)
+        Catalogue.open(sqlite_url, create=True)
 
 
 def test_a_folder_in_place_of_the_file_is_refused(sqlite_url: str, tmp_path: Path) -> None:

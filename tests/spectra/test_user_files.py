@@ -76,6 +76,10 @@ SAME: dict[str, Change] = {
         np.array([f"{one + 2 * 3600 * SECOND}"[:19] + "+02:00" for one in TIME], dtype=object)
     ),
     "Hz": frequencies(MHZ * 1e6, "Hz"),
+    "unit": lambda one: one.assign_coords(frequency=("frequency", MHZ * 1e3, {"unit": "kHz"})),
+    "UNITS": lambda one: one.assign_coords(frequency=("frequency", MHZ * 1e3, {"UNITS": "kHz"})),
+    "seconds of the day in float32": raw_times(SECONDS.astype("f4"), units="seconds since 2012-06-07"),
+    "UTC, as it says": raw_times(SECONDS, units="seconds since 2012-06-07", time_scale="UTC"),
     "kilohertz": frequencies(MHZ * 1e3, "kilohertz"),
     "KHZ": frequencies(MHZ * 1e3, "KHZ "),
     "no unit": frequencies(MHZ, None),
@@ -142,6 +146,29 @@ def test_offsets_of_samples_have_units(tmp_path: Path, unit: str, per_s: float) 
     np.testing.assert_allclose((sample_times(read)[0] - TIME[0]) / SECOND, late_s, atol=1e-6)
 
 
+@pytest.mark.parametrize("late", ["timedelta", "sample"])
+def test_offsets_of_samples_may_be_timedeltas_and_of_every_sample(tmp_path: Path, late: str) -> None:
+    late_s = np.linspace(0.0, 7.0, MHZ.size)
+    stored = (late_s * 1e9).astype("timedelta64[ns]") if late == "timedelta" else np.tile(late_s, (200, 1))
+    dims = ("frequency",) if late == "timedelta" else ("time", "frequency")
+
+    (read,) = open_spectra(written(tmp_path, lambda one: one.assign(sample_offset_s=(dims, stored))))
+
+    np.testing.assert_allclose((sample_times(read)[9] - TIME[9]) / SECOND, late_s, atol=1e-6)
+
+
+def test_a_fill_value_among_positions_is_no_position(tmp_path: Path) -> None:
+    where = np.tile([0.9, 0.1, 0.0], (200, 1))
+    where[7] = -1e31
+
+    (read,) = open_spectra(
+        written(tmp_path, lambda one: one.assign(position_km=(("time", "xyz"), where, {"frame": "hee", "units": "au"})))
+    )
+
+    assert np.isnan(read["position_km"].to_numpy()).all(axis=1).nonzero()[0].tolist() == [7]
+    assert read["position_km"].dims == ("time", "axis")
+
+
 @pytest.mark.parametrize(("unit", "per_sfu"), [("sfu", 1.0), ("W m-2 Hz-1", 1e-22)])
 def test_flux_at_1_au_is_in_solar_flux_units(tmp_path: Path, unit: str, per_sfu: float) -> None:
     flux = (("time", "frequency"), DECIBEL.astype(np.float64) * per_sfu, {"units": unit})
@@ -158,8 +185,11 @@ def test_flux_at_1_au_is_in_solar_flux_units(tmp_path: Path, unit: str, per_sfu:
         ("Jy", "flux_w_m2_hz", 1e-26),
         ("W m^-2 Hz^-1", "flux_w_m2_hz", 1.0),
         ("nV^2/Hz", "psd_v2_hz", 1e-18),
+        ("erg / (s cm2 Hz)", "flux_w_m2_hz", 1e-3),
+        ("kJy", "flux_w_m2_hz", 1e-23),
         ("sfu", "relative_flux", 1.0),
         ("arbitrary", "flux_w_m2_hz", 1.0),
+        ("10**999999999 Jy", "flux_w_m2_hz", 1.0),
     ],
 )
 def test_intensity_is_converted_from_its_unit(tmp_path: Path, unit: str, quantity: str, factor: float) -> None:
@@ -213,6 +243,32 @@ REFUSED: dict[str, tuple[Change, str]] = {
     "dB called flux": (
         lambda one: intensity(DECIBEL, units="dB")(one).assign_attrs(quantity="flux_w_m2_hz"),
         "intensity is in 'dB', which is no flux_w_m2_hz",
+    ),
+    "TAI": (raw_times(SECONDS, units="seconds since 2012-06-07", time_scale="tai"), "its times are in tai: convert"),
+    "TT": (lambda one: one.assign_attrs(TIMESYS="TT"), "its times are in TT: convert them to UTC"),
+    "rounded": (
+        raw_times(((TIME - np.datetime64(0, "s")) / SECOND).astype("f4"), units="seconds since 1970-01-01"),
+        "rounded to 128 s: store them as float64",
+    ),
+    "two polarisations": (
+        lambda one: one.assign(intensity=xr.concat([one["intensity"]] * 2, "hand").transpose(..., "hand")),
+        "has 2 values along 'hand': select one of them",
+    ),
+    "no quantity": (
+        lambda one: intensity(DECIBEL, units="dB")(one).drop_attrs(deep=False).assign_attrs(observatory="WIND"),
+        "add the attribute 'receiver'",
+    ),
+    "unknown quantity": (
+        lambda one: intensity(DECIBEL, units="dB")(one).assign_attrs(quantity="dB"),
+        "attribute 'quantity' is 'db': use one of",
+    ),
+    "kelvins": (
+        lambda one: intensity(DECIBEL, units="K")(one).assign_attrs(quantity="flux_w_m2_hz"),
+        "intensity is in 'K', which is no flux_w_m2_hz",
+    ),
+    "volts": (
+        lambda one: intensity(DECIBEL, units="V / Hz(1/2)")(one).assign_attrs(quantity="psd_v2_hz"),
+        "which is no psd_v2_hz",
     ),
     "offsets in ms": (lambda one: one.assign(sample_offset_s=("frequency", MHZ * 1e4)), "offsets in seconds"),
 }
@@ -268,6 +324,24 @@ def test_flags_of_records_and_samples(tmp_path: Path, name: str, dims: tuple[str
         return
     expected = flag[:, None] if dims == ("time",) else flag if dims[0] == "time" else flag.T
     np.testing.assert_array_equal(np.isnan(read["intensity"]), np.broadcast_to(expected, (200, 8)))
+
+
+@pytest.mark.parametrize(
+    ("name", "attributes"),
+    [
+        ("interpol_flag", {"long_name": "1 = measured, 0 = interpolated"}),
+        ("interpol_flag", {"flag_values": np.array([0, 1], "u1"), "flag_meanings": "interpolated measured"}),
+        ("not_interpolated", {}),
+    ],
+)
+def test_what_a_flag_says_of_its_values_counts(tmp_path: Path, name: str, attributes: dict[str, object]) -> None:
+    measured = RANDOM.random((200, 8)) < 0.9
+    given = spectrum().assign({name: (("time", "frequency"), measured.astype("u1"), attributes)})
+
+    (read,) = open_spectra(written(tmp_path, lambda _: given))
+
+    np.testing.assert_array_equal(np.isfinite(read["intensity"]), measured)
+    assert "bella_named" not in given[name].attrs
 
 
 def test_a_sample_without_a_time_has_that_of_its_record(tmp_path: Path) -> None:

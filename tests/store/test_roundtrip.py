@@ -97,9 +97,13 @@ def test_many_frequencies_are_few_chunks_and_one_is_read_alone(root: Path) -> No
     few, more = (len(files_of(root / name)) for name in (NAME, "T3-20120607-1929/many.zarr.zip"))
     assert few == more <= 2 * len(many.variables) + 1
     draws = open_group(root, "T3-20120607-1929/many.zarr.zip")["draws"]
-    assert draws.encoding["chunks"] == (1, 40, 1)
+    assert draws.encoding["chunks"] == (10, 40, 1)
     assert draws.encoding["shards"] == (200, 40, 4)
     np.testing.assert_array_equal(draws[137], many["draws"][137])
+    published(many.isel(frequency=slice(0, 37)), root, "T3-20120607-1929/prime.zarr.zip")
+    prime = open_group(root, "T3-20120607-1929/prime.zarr.zip")["draws"]
+    assert prime.encoding["chunks"] == (1, 40, 1)  # a shard holds whole chunks
+    np.testing.assert_array_equal(prime, many["draws"][:37])
 
 
 def test_large_variables_stay_on_disk_until_they_are_used(root: Path, monkeypatch: pytest.MonkeyPatch) -> None:
