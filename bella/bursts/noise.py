@@ -79,13 +79,10 @@ OFFSET_S = 0.05
 """Timing offset of a spacecraft beside its clock and its sample times: simulated bursts need none, and with three times
 as much their stated errors are too large by a third."""
 
-WIDTH_ERROR = 0.15
+WIDTH_ERROR = 0.2
 """Error of the edge of a spacecraft, in rise times, over the spread of ln width between the spacecraft: light curves
 that differ in width differ in asymmetry too, and half of the maximum is then no longer the same moment. By this number
-pulls of simulated bursts whose rises and decays differ are 0.8; with 0.2 they are 0.7."""
-
-UNRESOLVED_WIDTHS = 0.03
-"""Spread of ln width that the fit leaves where light curves do not differ: 0.01 to 0.035 in 8 of 10 clean bursts."""
+pulls of simulated bursts whose rises and decays differ are 0.7, and regions of bursts of another generator hold."""
 
 LEAST_SIGMA_S = 0.05
 """Independent error that the table gives every time at least."""
@@ -258,7 +255,7 @@ def estimate_noise(timed: Timed) -> Timed:
         timed,
         shape_sd_s=np.hypot(timed.shape_sd_s, errors.shape * error_scale_s(timed.rise_s)),
         channel_sd_s=errors.factor * np.sqrt(widening) * timed.channel_sd_s,
-        width_share=WIDTH_ERROR * float(np.sqrt(max(width_spread(timed) ** 2 - UNRESOLVED_WIDTHS**2, 0.0))),
+        width_share=WIDTH_ERROR * width_spread(timed),
     )
 
 

@@ -15,7 +15,7 @@ PLAIN_SHAPE, COMPONENTS = 0.02, 2.5
 """With a smooth error of 0.02 of the rise, chi2 per degree of freedom is above 2.5 for a third of the bursts whose
 spacecraft hear different components, and for 3 % of the others (23 and 94 simulated bursts)."""
 
-WIDTHS_DIFFER = 0.0525
+WIDTHS_DIFFER = 0.07
 """The same where the table states errors of the delay above this share of the rise, as for light curves whose widths
 differ by a third: so do those of a half of such bursts, and of none of the others (23 and 94 simulated bursts)."""
 
