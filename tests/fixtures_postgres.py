@@ -11,7 +11,21 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from sqlalchemy import create_engine, make_url, text
+from sqlalchemy import NullPool, create_engine, make_url, text
+
+EMPTY = """
+SET session_replication_role = replica;
+DO $$ DECLARE name text; BEGIN
+    FOR name IN SELECT tablename FROM pg_tables WHERE schemaname = 'public' AND tablename <> 'bella_revision' LOOP
+        EXECUTE 'DELETE FROM ' || name;
+    END LOOP;
+    FOR name IN SELECT sequencename FROM pg_sequences WHERE last_value IS NOT NULL LOOP
+        EXECUTE 'ALTER SEQUENCE ' || name || ' RESTART';
+    END LOOP;
+END $$
+"""
+OTHERS = "SELECT pg_terminate_backend(pid, 60000) FROM pg_stat_activity WHERE datname = current_database()"
+TABLES = "SELECT string_agg(relname, ' ' ORDER BY relname) FROM pg_class WHERE relnamespace = 'public'::regnamespace"
 
 
 @cache
@@ -31,17 +45,26 @@ def postgres_server() -> Any:
 
 
 @contextmanager
-def postgres_database(template: str = "template1") -> Iterator[str]:
-    """URL of a new database of the server, a copy of another one, dropped at the end."""
+def postgres_database() -> Iterator[str]:
+    """URL of a new database of the server, dropped at the end."""
     server = make_url(postgres_server().get_uri()).set(drivername="postgresql+psycopg")
     name = f"bella_{uuid.uuid4().hex}"
     engine = create_engine(server, isolation_level="AUTOCOMMIT")
     with engine.connect() as connection:
-        connection.execute(text(f"CREATE DATABASE {name} TEMPLATE {template}"))
+        connection.execute(text(f"CREATE DATABASE {name}"))
     yield server.set(database=name).render_as_string(hide_password=False)
     with engine.connect() as connection:
         connection.execute(text(f"DROP DATABASE {name} WITH (FORCE)"))
     engine.dispose()
+
+
+def empty_tables(url: str) -> str:
+    """End all other sessions of a catalogue, delete its rows, and say which tables and indexes it has."""
+    engine = create_engine(url, isolation_level="AUTOCOMMIT", poolclass=NullPool)
+    with engine.connect() as connection:
+        connection.execute(text(f"{OTHERS} AND pid <> pg_backend_pid()"))
+        connection.exec_driver_sql(EMPTY)
+        return str(connection.execute(text(TABLES)).scalar_one())
 
 
 @pytest.fixture

@@ -133,7 +133,10 @@ def timing_of(
     inverse = relative[..., None] * np.eye(relative.shape[1])
     if correlation is not None:
         both = present[:, :, None] & present[:, None, :]
-        inverse = np.linalg.inv(np.where(both, correlation, np.eye(relative.shape[1])))
+        shared = np.where(both, correlation, np.eye(relative.shape[1]))
+        lost = np.asarray(np.linalg.cond(shared) > 1.0 / np.finfo(np.float64).eps)
+        reject_rows(lost, "has a sigma_s that is lost in the errors receivers share; raise it, or use method posterior")
+        inverse = np.linalg.inv(shared)
         inverse *= np.sqrt(relative[:, :, None] * relative[:, None, :])
     total = inverse.sum(axis=(1, 2))
     share = inverse.sum(axis=2) / total[:, None]

@@ -4,6 +4,8 @@ All are right-handed, with the Sun at the origin. HEE and HEEQ have Earth in the
 Carrington turns with the Sun; HCI (heliocentric inertial) does not turn.
 """
 
+from functools import cache
+
 import numpy as np
 import numpy.typing as npt
 
@@ -135,6 +137,7 @@ def heeq_axes(earth: FloatArray) -> FloatArray:
     return _about_the_solar_axis(_direction(earth, "HEEQ"))
 
 
+@cache
 def hci_axes() -> FloatArray:
     """Axes of HCI: Z along the Sun's rotation axis, X to the ascending node of its equator on the ecliptic of J2000.
 

@@ -1,5 +1,6 @@
 """One home folder with bursts in it, shared by the tests that only read."""
 
+import shutil
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -34,11 +35,11 @@ def client(filled: Settings) -> Iterator[TestClient]:
 
 
 @pytest.fixture
-def empty(tmp_path: Path) -> Settings:
+def empty(tmp_path: Path, empty_file: Path) -> Settings:
     """Home folder whose catalogue holds nothing."""
     settings = settings_of(tmp_path / "home", max_pending_submissions=2, max_submission_bytes=20_000)
     settings.store_root.mkdir(parents=True)
-    Catalogue.open(settings.catalogue_url, create=True).close()
+    shutil.copy(empty_file, settings.home / "catalogue.sqlite")
     return settings
 
 

@@ -149,6 +149,7 @@ def test_a_lease_is_renewed_beside_the_work_however_long_that_takes(catalogue: C
     assert catalogue.stage_runs(1)[0].expires_utc == after, "nothing beats after the work"
 
 
+@pytest.mark.parametrize("backend", ["sqlite"])
 def test_a_lease_is_renewed_long_before_it_ends(catalogue: Catalogue) -> None:
     duration_s = 9.0
     with catalogue.lease("localise", "T3-1", "slow", duration_s) as lease:

@@ -1,5 +1,6 @@
 import uuid
 from collections.abc import Callable, Iterator
+from contextlib import ExitStack
 from dataclasses import replace
 from datetime import UTC, datetime, timedelta
 from itertools import count
@@ -14,6 +15,7 @@ from bella.catalogue import BurstQuery, Catalogue, ListRead, SearchedDay, Series
 from bella.catalogue.kept import Kept
 from bella.exceptions import InputError
 from tests.catalogue.examples import SERIES, START, burst, fitted, localisation, publication
+from tests.fixtures_postgres import postgres_database
 
 windows = count()
 
@@ -183,8 +185,7 @@ def test_points_are_the_preferred_answers_of_bursts_in_one_statement(three: Cata
     assert three.points(replace(query, limit=2)).total == len(expected) == 3
 
 
-@pytest.fixture
-def placed(catalogue: Catalogue) -> Catalogue:
+def place(catalogue: Catalogue) -> Catalogue:
     """Bursts at four longitudes, of which the last has no track; A and B are out of the ecliptic."""
     places = {"A": (26.0, 20.0), "B": (-170.0, -5.0), "C": (175.0, 0.0)}
     for hours, (name, (longitude, z)) in enumerate(places.items()):
@@ -198,6 +199,16 @@ def placed(catalogue: Catalogue) -> Catalogue:
         catalogue.publish(publication(of=own, track_fit=fit, localisations=rows))
     catalogue.publish(publication(of=burst("D", START + timedelta(hours=3)), localisations=()))
     return catalogue
+
+
+@pytest.fixture(scope="module", params=["sqlite", "postgresql"])
+def placed(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Catalogue]:
+    """Catalogue of those four, which these tests read only."""
+    with ExitStack() as opened:
+        url = f"sqlite:///{tmp_path_factory.mktemp('placed') / 'catalogue.sqlite'}"
+        if request.param == "postgresql":
+            url = opened.enter_context(postgres_database())
+        yield place(opened.enter_context(Catalogue.open(url, create=True)))
 
 
 @pytest.mark.parametrize(
@@ -246,7 +257,8 @@ def test_ranges_are_those_of_the_preferred_solution(placed: Catalogue, asked: di
     assert ids(placed, BurstQuery(**asked)) == list(found)
 
 
-def test_ranges_follow_the_answer_when_it_changes(placed: Catalogue) -> None:
+def test_ranges_follow_the_answer_when_it_changes(catalogue: Catalogue) -> None:
+    placed = place(catalogue)
     west = BurstQuery(longitude_min=20.0, longitude_max=30.0)
     at = placed.burst("B").burst
     other = Series("half_maximum", "posterior", "paper", 2)

@@ -86,6 +86,7 @@ def test_one_of_three_inherits_the_lease_of_a_killed_process(
     assert {one.attempts for one in catalogue.stage_runs(10)} == {2}
 
 
+@pytest.mark.parametrize("backend", ["sqlite"])
 def test_a_zombie_is_dead(catalogue: Catalogue, catalogue_url: str) -> None:
     victim = start_rival("victim")
     tell(victim, {"do": "take", "url": catalogue_url, "subject": "T3-1", "run_id": "killed"})

@@ -1,6 +1,6 @@
 """Random damage to files: whatever happens to the bytes, a file is read or refused, and soon.
 
-``BELLA_MUTATIONS`` is the number of damaged files to try; without it the test takes a few seconds. One kind of file,
+``BELLA_MUTATIONS`` is the number of damaged files to try; without it the test takes a second or two. One kind of file,
 with a seed of one's own, is tried by ``python -m tests.fuzz KIND NUMBER SEED``.
 """
 
@@ -15,7 +15,7 @@ import pytest
 from tests.fuzz.damage import attempt, damaged_copies
 from tests.fuzz.kinds import KINDS
 
-BUDGET_S, SECONDS, GROWTH_KIB = 5.0, 10.0, 600 << 10
+BUDGET_S, SECONDS, GROWTH_KIB = 1.0, 10.0, 600 << 10
 """SECONDS are of the processor: what hangs takes for ever, what is refused takes milliseconds."""
 
 

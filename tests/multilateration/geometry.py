@@ -119,18 +119,18 @@ class Brute:
     log_evidence: float
 
 
-def brute_force(grid: ArrivalGrid, priors: Priors, *, pitch: float = 0.5, noise: Noise = GAUSSIAN) -> Brute:
+def brute_force(grid: ArrivalGrid, priors: Priors, *, pitch: float = 1.0, noise: Noise = GAUSSIAN) -> Brute:
     """Posterior of the first frequency summed on a square grid of points and of speeds, each weighted by its prior.
 
     The emission time alone is integrated by hand: a Gaussian with precision W. The grid is laid over the squares of a
-    coarse one that come within 24 nats of its best.
+    coarse one that come within 16 nats of its best.
     """
     coarse = 8 * pitch
     axis = np.arange(-700, 700, coarse) + coarse / 2
     points = np.stack(np.meshgrid(axis, axis, indexing="ij")).reshape(2, -1)
     speeds, log_prior_v = speed_grid(priors, grid.sigma_s[0])
     height = np.logaddexp.reduce(log_joint(points, grid, priors, speeds, noise) + log_prior_v, axis=1)
-    points = points[:, height > height.max() - 24]
+    points = points[:, height > height.max() - 16]
     offset = (np.arange(8) - 3.5) * pitch
     fine = np.stack(np.meshgrid(offset, offset, indexing="ij")).reshape(2, -1)
     points = (points[:, :, None] + fine[:, None, :]).reshape(2, -1)

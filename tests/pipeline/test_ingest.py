@@ -8,6 +8,7 @@ import subprocess
 from collections.abc import Iterator
 from contextlib import ExitStack, closing
 from datetime import UTC, date, datetime, timedelta
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -15,7 +16,7 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
-from bella.archive import Received, find_datasets, open_archive, received, set_aside, versions
+from bella.archive import Manners, Received, find_datasets, mirror, open_archive, received, set_aside, versions
 from bella.catalogue import Catalogue, EventQuery, Freshness
 from bella.cli import app
 from bella.exceptions import InputError
@@ -75,6 +76,7 @@ COHO = ("psp", "stereo/ahead", "solar-orbiter")
 @pytest.fixture
 def world(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[World]:
     monkeypatch.setenv("no_proxy", "127.0.0.1")
+    monkeypatch.setattr(mirror, "Manners", partial(Manners, sleep=lambda _: None))  # the waits: tests/archive
     with ExitStack() as stack:
         url, _ = stack.enter_context(horizons(vectors))
         yield World(stack.enter_context(Server()), url, tmp_path / "home")

@@ -56,9 +56,13 @@ def started(folder: Path) -> Iterator[Cluster]:
         time.sleep(0.1)
     yield made
     for one in reversed(made.processes):
-        if one.poll() is None:
-            os.killpg(one.pid, signal.SIGKILL)
-            one.wait()
+        ended(one)
+
+
+def ended(process: "subprocess.Popen[bytes]") -> None:
+    if process.poll() is None:
+        os.killpg(process.pid, signal.SIGKILL)
+        process.wait()
 
 
 @pytest.fixture
@@ -107,10 +111,13 @@ def test_a_worker_of_another_version_is_refused(
         workers.call(square, 2)
 
 
-def test_a_worker_of_several_threads_is_refused(cluster: Cluster, tmp_path: Path) -> None:
-    cluster.add_worker("--nthreads", "2")
-    with Workers(2, settings_of(cluster, tmp_path)) as workers, pytest.raises(InputError, match="--nthreads 1"):
+def test_a_worker_of_several_threads_is_refused(two_workers: Cluster, tmp_path: Path) -> None:
+    two_workers.add_worker("--nthreads", "2")
+    with distributed.Client(two_workers.address) as client:
+        client.wait_for_workers(3, timeout=LIMIT_S)
+    with Workers(2, settings_of(two_workers, tmp_path)) as workers, pytest.raises(InputError, match="--nthreads 1"):
         workers.call(square, 2)
+    ended(two_workers.processes.pop())
 
 
 def test_a_scheduler_that_is_away_or_alone_is_one_line(

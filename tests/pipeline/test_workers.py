@@ -30,21 +30,40 @@ def killed() -> None:
     os.kill(os.getpid(), signal.SIGKILL)
 
 
-def test_results_come_in_the_order_of_what_was_asked(tmp_path: Path) -> None:
-    for number in (1, 2):
-        with Workers(number, Settings(home=tmp_path)) as workers:
-            assert workers.map(square, [(3,), (1,), (2,)]) == [9, 1, 4]
-            with pytest.raises(NoDataError, match="nothing of 7"):
-                workers.call(refuse, 7)
-    assert multiprocessing.active_children() == []
+def check_order_and_errors(workers: Workers) -> None:
+    assert workers.map(square, [(3,), (1,), (2,)]) == [9, 1, 4]
+    with pytest.raises(NoDataError, match="nothing of 7"):
+        workers.call(refuse, 7)
 
 
-def test_a_worker_that_is_killed_is_an_error_that_may_pass_and_its_place_is_free_again(tmp_path: Path) -> None:
+def test_results_come_in_the_order_of_what_was_asked_from_this_process_too(tmp_path: Path) -> None:
+    with Workers(1, Settings(home=tmp_path)) as workers:
+        workers.start()
+        check_order_and_errors(workers)
+        assert multiprocessing.active_children() == []
+
+
+def test_processes_keep_the_order_have_one_thread_and_one_that_is_killed_is_an_error_that_may_pass(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.delenv("OMP_NUM_THREADS", raising=False)
     with Workers(2, Settings(home=tmp_path)) as workers:
+        check_order_and_errors(workers)
+        assert workers.call(os.getenv, "OMP_NUM_THREADS") == "1"
         with pytest.raises(WorkerLostError, match="try again") as caught:
             workers.map(killed, [(), (), ()])
         assert caught.value.retriable
-        assert workers.map(square, [(1,), (2,), (3,)]) == [1, 4, 9]
+        assert workers.map(square, [(1,), (2,), (3,)]) == [1, 4, 9], "its place is free again"
+    assert multiprocessing.active_children() == []
+
+
+def test_processes_begin_to_load_before_they_are_asked_for_anything(tmp_path: Path) -> None:
+    with Workers(2, Settings(home=tmp_path)) as workers:
+        workers.start()
+        started = multiprocessing.active_children()
+        assert len(started) == 2
+        for one in started:  # what they load is used in `test_run.py`
+            one.kill()
 
 
 @pytest.mark.parametrize("number", [1, 2])
@@ -114,17 +133,3 @@ def test_linear_algebra_has_one_thread_before_it_is_loaded_unless_an_operator_sa
         code = [sys.executable, "-c", WATCH.format(module=module)]
         done = subprocess.run(code, env=kept | more, capture_output=True, text=True, check=True)
         assert done.stdout.strip() == said
-
-
-def test_processes_have_one_thread_whoever_starts_them(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.delenv("OMP_NUM_THREADS", raising=False)
-    with Workers(2, Settings(home=tmp_path)) as workers:
-        assert workers.call(os.getenv, "OMP_NUM_THREADS") == "1"
-
-
-def test_processes_begin_to_load_before_they_are_asked_for_anything(tmp_path: Path) -> None:
-    for number in (1, 2):
-        with Workers(number, Settings(home=tmp_path)) as workers:
-            workers.start()
-            assert bool(multiprocessing.active_children()) == (number > 1)
-            assert workers.call(square, 3) == 9
