@@ -3,6 +3,7 @@
 Routers never raise HTTP errors themselves. A reader with a browser gets the same words as a page.
 """
 
+from collections.abc import Sequence
 from http import HTTPStatus
 from typing import Any
 
@@ -131,15 +132,23 @@ def _raised_on_purpose(request: Request, error: Exception) -> Response:
 
 def _refused_by_schema(request: Request, error: Exception) -> Response:
     assert isinstance(error, RequestValidationError)  # noqa: S101 - the handler is registered for this class only
-    return problem(request, 422, STATUS[InputError][1], "; ".join(map(worded, error.errors())))
+    detail = "; ".join(worded(one, _known(request)) for one in error.errors())
+    return problem(request, 422, STATUS[InputError][1], detail)
 
 
-def worded(fault: Any) -> str:
+def _known(request: Request) -> list[str]:
+    """Query parameters of the address that is asked, as the description of the API has them."""
+    operations = request.app.openapi()["paths"].get(getattr(request.scope.get("route"), "path", ""), {})
+    return [one["name"] for one in operations.get("get", {}).get("parameters", []) if one["in"] == "query"]
+
+
+def worded(fault: Any, known: Sequence[str] = ()) -> str:
     """One line about one fault that a schema found in a request."""
     place, *names = fault["loc"]  # where in the request, the name, and then which of several types was tried
     name = names[0] if names and isinstance(names[0], str) else place
     if fault["type"] == "extra_forbidden":
-        return f"{name}: is not a parameter of this address; see /api/v1/openapi.json"
+        choice = f"it takes {', '.join(known)}" if known else "see /api/v1/openapi.json"
+        return f"{name}: is not a parameter of this address; {choice}"
     return f"{name}: {fault['msg'][0].lower()}{fault['msg'][1:]}"
 
 

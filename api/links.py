@@ -97,6 +97,7 @@ def day_links(day: date, origin: Origin = Origin.ARCHIVE) -> dict[str, str]:
         "page": linked(f"/days/{day}{tail}"),
         "figure": f"{base}/figure.svg{tail}",
         "detections": linked(f"{API}/detections?{received}"),
+        "observability": f"{base}/observability{tail}",
     }
 
 

@@ -105,6 +105,7 @@ def environment() -> Environment:
         middle=written_middle,
         moment=written_moment,
         two=written_two,
+        band=written_band,
         has_number=has_number,
         wind_gap=wind_gap,
         wind=written_speed,
@@ -202,6 +203,12 @@ def written_moment(value: Mapping[str, Any] | None) -> str:
 def written_two(value: float | None) -> str:
     """Number with two significant digits; a dash where there is none."""
     return DASH if value is None else f"{value:#.2g}".rstrip(".")
+
+
+def written_band(burst: Any, digits: int = 2) -> str:
+    """Lowest and highest frequency of a burst or detection, MHz; one where they are the same."""
+    ends = (f"{one:.{digits}g}" for one in (burst.f_low_mhz, burst.f_high_mhz))
+    return "\N{EN DASH}".join(dict.fromkeys(ends))
 
 
 def has_number(parameter: Mapping[str, Any] | None) -> bool:

@@ -30,6 +30,9 @@ GRADES: dict[Grade, str] = {
 BEST_HALF_WIDTH_DEG = 5.0
 """Grade A: half of the longitudes that a large active region covers (about 10 degrees)."""
 
+ONE_DIRECTION_DEG = 60.0
+"""Positions without a track that are farther apart, seen from the Sun, are in no one direction."""
+
 GOOD_HALF_WIDTH_DEG = 10.0
 """Grade B: what a change of the wind from 400 to 480 km/s does to where a spacecraft at 1 au is connected."""
 
@@ -125,13 +128,16 @@ def answer_of(track: Track | None, positions: Sequence[Position]) -> Answer:
     is_asked = bool(positions) or (joint is not None and bool(joint.profile))
     if "not_one_source" in flags:
         distances, is_asked, positions = None, False, ()
-    said = [where, _distance_words(distances) if is_asked else "", *_wind_words(joint, longitude, wind)]
+    has_track = joint is not None and (joint.phi0_deg.q50 is not None or bool(parts))
+    is_preliminary = joint is not None and joint.tier == "preliminary"
+    placed = "" if has_track or is_preliminary else _sides(positions)
+    said = [where, placed, _distance_words(distances) if is_asked else "", *_wind_words(joint, longitude, wind)]
     low, high = distances or (None, None)
     return Answer(
         tier=joint.tier if joint else "final",
         grade=grade,
         sentence=", ".join([*filter(None, said), f"grade {grade}"]),
-        has_track=joint is not None and (joint.phi0_deg.q50 is not None or bool(parts)),
+        has_track=has_track,
         range_low_rsun=low,
         range_high_rsun=high,
         **placed_numbers(positions),
@@ -302,6 +308,20 @@ def placed_numbers(positions: Iterable[Position]) -> dict[str, float | None]:
         "latitude_high_deg": max(known, default=None),
         "area68_rsun2": statistics.median(areas) if areas else None,
     }
+
+
+def _sides(positions: Iterable[Position]) -> str:
+    """Where positions without a track are, in words; empty where they are in no one direction."""
+    found = [math.degrees(math.atan2(one.y_rsun, one.x_rsun)) for one in positions if _is_usable(one)]
+    known = [one for one in found if math.isfinite(one)]
+    if not known:
+        return ""
+    off = [within_half_turn_deg(one - known[0]) for one in known]
+    if max(off) - min(off) > ONE_DIRECTION_DEG:
+        return ""
+    ends = (_degrees(known[0] + one, 0) for one in (min(off), max(off)))
+    said = " to ".join(dict.fromkeys(f"{number}°{side}" for number, side in ends))
+    return f"position{'s' if len(known) > 1 else ''} at {said}"
 
 
 def _is_usable(one: Position) -> bool:

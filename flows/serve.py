@@ -43,7 +43,7 @@ def main(names: Sequence[str] = ()) -> None:
     Raises
     ------
     BellaError
-        If a name is not known, or the catalogue cannot be opened or brought to the newest revision.
+        If a name or the address of the Prefect server is not known, or the catalogue cannot be opened or upgraded.
     """
     settings = read_settings()
     known = intervals_s(settings)
@@ -51,13 +51,16 @@ def main(names: Sequence[str] = ()) -> None:
     if unknown:
         raise InputError(f"there is no deployment {unknown[0]!r}: choose from {', '.join(known)}")
     prepare(settings)
+    from prefect import serve  # noqa: PLC0415 - Prefect reads its settings when imported
+    from prefect.settings import get_current_settings  # noqa: PLC0415 - the same
+
+    if not get_current_settings().api.url:  # the server of `bella run` schedules nothing: a worker would wait for ever
+        raise InputError("PREFECT_API_URL is not set: run `prefect server start`, and set it to the address it prints")
     log_to(None)
     # schema and store are there before the first run, so that the API is well although nothing was localised yet
     make_folder(settings.store_root)
     Catalogue.open(settings.catalogue_url, create=True).close()
-    from prefect import serve  # noqa: PLC0415 - Prefect reads its settings when imported
-
-    from flows.tasks import answering  # noqa: PLC0415 - the same
+    from flows.tasks import answering  # noqa: PLC0415 - Prefect reads its settings when imported
 
     wanted = names or [name for name in known if name != INGEST]
     with answering():

@@ -169,7 +169,12 @@ def test_no_track_says_why() -> None:
     few = answer_of(track(Parameter(), flags=("too_few_frequencies",)), PLACES)
     assert few.sentence.startswith("no track (fewer than four frequencies, or than twelve arrival times), ")
     assert not few.has_track
-    assert answer_of(None, PLACES).sentence == "no track (none was fitted), 13 to 91 R_sun, grade D"
+    assert answer_of(None, PLACES).sentence == "no track (none was fitted), positions at 0°, 13 to 91 R_sun, grade D"
+    beside = (Place(10.0, "", 5.0), Place(10.0, "", -3.0))
+    assert answer_of(None, beside).sentence == (
+        "no track (none was fitted), positions at 17° E to 27° W, 10 to 11 R_sun, grade D"
+    )
+    assert "position" not in answer_of(None, (Place(10.0), Place(-10.0))).sentence
     assert answer_of(None, ()).sentence == "no track (none was fitted), grade D"
 
 
@@ -179,7 +184,7 @@ def test_distances_are_those_of_positions_that_mean_something(flag: str) -> None
     found = answer_of(track(parameter(22.0, 26.0, 31.0)), places)
     assert (found.range_low_rsun, found.range_high_rsun) == (13.0, 91.0)
     in_space = answer_of(None, (Place(3.0, "", 4.0, 12.0),))
-    assert in_space.sentence == "no track (none was fitted), 13 R_sun, grade D"
+    assert in_space.sentence == "no track (none was fitted), position at 53° W, 13 R_sun, grade D"
 
 
 def test_latitudes_and_area_are_those_of_positions_that_mean_something() -> None:

@@ -230,7 +230,7 @@ def _page(request: Request, day: str, service: Service, catalogue: Catalogue) ->
         rejected_total=len(rejected),
         before=before,
         after=after,
-        observed=_observed(catalogue, wanted) if origins[0] in REAL_ORIGINS else None,
+        observed=_observed(catalogue, wanted, origins),
     )
 
 
@@ -294,10 +294,10 @@ def _origins(request: Request) -> tuple[Origin, ...]:
         raise InputError(f"origin: give one of {', '.join([*Origin, ALL_ORIGINS])}") from error
 
 
-def _observed(catalogue: Catalogue, day: date) -> ObservedDay | None:
+def _observed(catalogue: Catalogue, day: date, origins: tuple[Origin, ...]) -> ObservedDay | None:
     """Observability of a day; None where it was searched before there was one."""
     try:
-        return catalogue.operation.observed(day)
+        return catalogue.operation.observed(day, origins)
     except NoDataError:
         return None
 

@@ -15,7 +15,7 @@ from api.routers.arrivals import check_table
 from api.service import CatalogueHere, ServiceHere
 from bella.arrivals import MIN_OBSERVATORIES, check_arrivals, locate_receivers
 from bella.csv_tables import parse_table
-from bella.exceptions import InputError
+from bella.exceptions import InputError, NoDataError
 from bella.plotting import MapView, constellation_figure
 
 router = APIRouter(include_in_schema=False)
@@ -82,8 +82,8 @@ def _faults(text: str, first: InputError) -> list[str]:
     found = []
     for row in range(min(len(frame), 500)):
         try:
-            check_arrivals(frame.iloc[[row]].reset_index(drop=True), source=SOURCE, received_by=1)
-        except InputError as error:
+            locate_receivers(check_arrivals(frame.iloc[[row]].reset_index(drop=True), source=SOURCE, received_by=1))
+        except (InputError, NoDataError) as error:
             found.append(str(error).replace("row 1,", f"row {row + 1},"))
         if len(found) == MOST_FAULTS:
             break

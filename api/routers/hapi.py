@@ -128,7 +128,7 @@ def _data(request: Request, service: ServiceHere, asked: Mapping[str, str]) -> R
     if "include" in asked or output == "json":
         header = {**_header(service, dataset, asked.get("parameters")), **status_object(code)}
     body = encode(found, output, header)
-    headers = {STATUS_HEADER: f"HAPI {code} {STATUS[code][1]}"}
+    headers = {STATUS_HEADER: f"HAPI {code} {STATUS[code][1]}", "Vary": "Accept-Encoding"}
     if "gzip" in request.headers.get("accept-encoding", "") and body:
         body, headers["Content-Encoding"] = gzip.compress(body, 6, mtime=0), "gzip"
     return Response(body, media_type=OUTPUT_FORMATS[output], headers=headers)

@@ -15,7 +15,7 @@ from pydantic import Field
 
 from api.freshness import is_known, not_modified, tag_of
 from api.links import API, linked, site_url
-from api.queries import DayAsked, Names, Parameters, read_observatory
+from api.queries import DayAsked, Names, OriginChoice, Parameters, read_observatory
 from api.replies import Reply
 from api.routers.figures import A_FIGURE, METHOD, THEME, KindHere, file_reply
 from api.service import CatalogueHere
@@ -127,6 +127,12 @@ class PlanningView(PlanningQuery):
     theme: Theme = Field(THEME, description="Colours for a light or for a dark ground.")
 
 
+class ObservabilityQuery(OriginChoice):
+    """When, and in data of which origin."""
+
+    time: datetime = Field(description="UTC.", examples=["2021-11-20T14:30"])
+
+
 class ObservabilityReply(Reply):
     """Receivers with data in the hour of a time, and how well they locate."""
 
@@ -139,12 +145,11 @@ class ObservabilityReply(Reply):
 
 
 @router.get(f"{API}/observability")
-def observability(
-    catalogue: CatalogueHere, time: Annotated[datetime, Query(description="UTC.", examples=["2021-11-20T14:30"])]
-) -> ObservabilityReply:
+def observability(catalogue: CatalogueHere, wanted: Annotated[ObservabilityQuery, Query()]) -> ObservabilityReply:
     """Which receivers had data at a time, and the 68 % region of a source at 20, 50 and 100 solar radii."""
+    time = wanted.time
     utc = time.replace(tzinfo=UTC) if time.tzinfo is None else time.astimezone(UTC)
-    observed = catalogue.operation.observed(utc.date())
+    observed = catalogue.operation.observed(utc.date(), wanted.origins)
     here, found = observed.at(utc)
     return ObservabilityReply(
         utc=utc,
@@ -158,10 +163,12 @@ def observability(
 
 @router.get(f"{API}/days/{{day}}/observability")
 def observability_of_day(
-    day: Annotated[date, Path(description="Day, UTC.", examples=["2021-11-20"])], catalogue: CatalogueHere
+    day: Annotated[date, Path(description="Day, UTC.", examples=["2021-11-20"])],
+    catalogue: CatalogueHere,
+    choice: Annotated[OriginChoice, Query()],
 ) -> ObservedDay:
     """The same for every hour of a day."""
-    return catalogue.operation.observed(day)
+    return catalogue.operation.observed(day, choice.origins)
 
 
 @router.get(f"{API}/planning")

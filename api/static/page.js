@@ -202,18 +202,30 @@ document.getElementById("copy-link")?.addEventListener("click", async (event) =>
   }
 });
 
-// The source moves out, channel by channel.
+// The source moves out as it did, each channel when it was emitted: the burst in four seconds.
 document.addEventListener("click", (event) => {
   const button = event.target.closest("#play");
   if (!button) return;
   const dots = [...document.querySelectorAll("svg.constellation .dots circle")].reverse();
-  let index = 0;
+  const clock = document.getElementById("emitted");
+  let latest = -Infinity;
+  const times = dots.map((dot, index) => (latest = Math.max(latest, dot.dataset.utc ? Date.parse(`${dot.dataset.utc}Z`) : index)));
+  const share = (index) => (times[index] - times[0]) / Math.max(1, latest - times[0]);
+  let shown = 0;
   for (const dot of dots) dot.setAttribute("visibility", "hidden");
   window.clearInterval(window.playing);
+  const begin = performance.now();
   window.playing = window.setInterval(() => {
-    if (index >= dots.length) { window.clearInterval(window.playing); markSpectra(-1); return; }
-    dots[index].removeAttribute("visibility");
-    markSpectra(Number(dots[index].dataset.mhz));
-    index += 1;
-  }, Math.max(25, 2500 / Math.max(1, dots.length)));
+    const elapsed = (performance.now() - begin) / 4000;
+    for (; shown < dots.length && share(shown) <= elapsed; shown += 1) {
+      const { mhz, utc } = dots[shown].dataset;
+      dots[shown].removeAttribute("visibility");
+      markSpectra(Number(mhz));
+      clock.textContent = `${Number(mhz).toPrecision(3)} MHz${utc ? ` emitted at ${utc.slice(11)} UTC` : ""}`;
+    }
+    if (elapsed > 1.2) {
+      window.clearInterval(window.playing);
+      markSpectra(-1);
+    }
+  }, 25);
 });

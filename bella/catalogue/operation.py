@@ -12,7 +12,7 @@ from sqlalchemy.orm import Mapped, mapped_column
 from bella.catalogue.engine import dialect_insert, reading, writing
 from bella.catalogue.models import AlertRow, Base, DetectionRow, SolutionRow, StageRunRow, UtcTime, table_of
 from bella.exceptions import NoDataError
-from bella.records import REAL_ORIGINS, Record
+from bella.records import REAL_ORIGINS, Origin, Record
 
 MINUTES_PER_BIN = 60
 BINS = 24 * 60 // MINUTES_PER_BIN
@@ -121,11 +121,12 @@ class MockRunRow(Base):
 
 
 class ObservedDayRow(Base):
-    """Observability of days, as the JSON of `ObservedDay`."""
+    """Observability of days, once for data of each origin, as the JSON of `ObservedDay`."""
 
     __tablename__ = "observed_day"
 
     day: Mapped[date] = mapped_column(primary_key=True)
+    origin: Mapped[str] = mapped_column(primary_key=True, server_default="archive")
     inputs_hash: Mapped[str]
     content: Mapped[dict[str, Any]] = mapped_column(JSON)
 
@@ -297,9 +298,10 @@ class Operation:
         return tuple((row.solution_id, _times(row)) for row in rows)
 
     def observed_between(self, first: date, last: date) -> tuple[ObservedDay, ...]:
-        """Observability of the days of [first, last] of which it is known."""
+        """Observability of the days of [first, last] in data of the archive, where it is known."""
         table = table_of(ObservedDayRow)
-        wanted = select(table.c.content).where(table.c.day.between(first, last)).order_by(table.c.day)
+        inside = table.c.day.between(first, last) & (table.c.origin == Origin.ARCHIVE)
+        wanted = select(table.c.content).where(inside).order_by(table.c.day)
         with reading(self._engine) as connection:
             return tuple(map(ObservedDay.model_validate, connection.execute(wanted).scalars()))
 
@@ -355,13 +357,14 @@ class Operation:
             connection.execute(delete(mocks).where(old))
         return ids
 
-    def record_observed(self, observed: ObservedDay, inputs_hash: str) -> None:
-        """Replace what is known of the observability of a day."""
+    def record_observed(self, observed: ObservedDay, inputs_hash: str, origin: Origin = Origin.ARCHIVE) -> None:
+        """Replace what is known of the observability of a day in data of an origin."""
         content = observed.model_dump(mode="json")
-        self._put(ObservedDayRow, {"day": observed.day, "inputs_hash": inputs_hash, "content": content})
+        row = {"day": observed.day, "origin": origin, "inputs_hash": inputs_hash, "content": content}
+        self._put(ObservedDayRow, row)
 
-    def observed(self, day: date) -> ObservedDay:
-        """Observability of a day.
+    def observed(self, day: date, origins: Sequence[Origin] = (Origin.ARCHIVE,)) -> ObservedDay:
+        """Observability of a day in data of the first of the origins of which it is known.
 
         Raises
         ------
@@ -370,10 +373,13 @@ class Operation:
         """
         table = table_of(ObservedDayRow)
         with reading(self._engine) as connection:
-            content = connection.execute(select(table.c.content).where(table.c.day == day)).scalar_one_or_none()
-        if content is None:
-            raise NoDataError(f"observability of {day} is not known: bella coverage --at {day}T12:00 computes a map")
-        return ObservedDay.model_validate(content)
+            rows = connection.execute(select(table.c.origin, table.c.content).where(table.c.day == day)).all()
+        known = {Origin(row.origin): row.content for row in rows}
+        for origin in origins:
+            if origin in known:
+                return ObservedDay.model_validate(known[origin])
+        choice = f"origin={min(known)} gives" if known else f"bella coverage --at {day}T12:00 computes"
+        raise NoDataError(f"observability of {day} is not known: {choice} a map")
 
     def work(self, since: datetime) -> Work:
         """What the worker does, and did since a time."""

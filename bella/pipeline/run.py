@@ -277,9 +277,8 @@ def process_day(files: DayFiles, known: Sequence[KnownBurst], run: Run) -> DayOu
         verdicts = {one.found.burst_id: (one.burst_id, _reason(one, bursts.get(one.burst_id))) for one in found.bursts}
         records = detection_records(found.table, verdicts)
         workers.call(draw_day, day, found.spectra, records, settings, urgency=later)
-        if found.origin is Origin.ARCHIVE:  # what users bring says nothing of what the service can see
-            observed = workers.call(observed_day, day, found.spectra, urgency=later)
-            catalogue.operation.record_observed(observed, files.inputs_hash)
+        observed = workers.call(observed_day, day, found.spectra, urgency=later)
+        catalogue.operation.record_observed(observed, files.inputs_hash, found.origin)
         catalogue.record_day(_record_of(files, outcome, found.origin), records, lease)
         return outcome
 

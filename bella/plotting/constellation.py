@@ -8,6 +8,8 @@ from dataclasses import dataclass, field
 from typing import Literal
 
 import numpy as np
+import numpy.typing as npt
+import xarray as xr
 
 from bella.answer import written_68
 from bella.flags import APPARENT_SOURCE
@@ -210,6 +212,7 @@ def _first(track: TrackView, chart: Map, frequency_mhz: float | None) -> Iterato
 def _dots(track: TrackView, polar: PolarTrack, places: FloatArray) -> Iterator[str]:
     ends = np.log(polar.frequency_mhz.min()), np.log(polar.frequency_mhz.max())
     area = track.posterior["area68_rsun2"].to_numpy()
+    emitted = _emitted(track.posterior)
     for index, (x, y) in enumerate(places):
         if not np.isfinite(x):
             continue
@@ -226,7 +229,19 @@ def _dots(track: TrackView, polar: PolarTrack, places: FloatArray) -> Iterator[s
             r=4.2,
             fill=colour_at(float(share)),
             data_mhz=f"{frequency:.5g}",
+            **({"data_utc": str(emitted[index])} if len(emitted) and not np.isnat(emitted[index]) else {}),
         )
+
+
+def _emitted(posterior: xr.Dataset) -> npt.NDArray[np.datetime64]:
+    """When each source emitted, UTC, for the animation; empty where that is not known."""
+    reference = str(posterior.attrs.get("reference_time", "")).removesuffix("Z")
+    if not reference or "emission_s" not in posterior:
+        return np.empty(0, dtype="datetime64[s]")
+    seconds = np.rint(posterior["emission_s"].to_numpy())
+    known = np.isfinite(seconds)
+    late = np.where(known, seconds, 0.0).astype("timedelta64[s]")
+    return np.where(known, np.datetime64(reference, "s") + late, np.datetime64("NaT", "s"))
 
 
 def _line_of(track: TrackView, chart: Map) -> Iterator[str]:

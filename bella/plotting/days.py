@@ -44,7 +44,10 @@ LOWEST_MHZ = 0.02
 """Bursts end above it; what receivers of plasma waves measure below would take a third of the height."""
 
 MOST_BOXES = 300
-"""More boxes than these on one spectrum cannot be chosen one by one."""
+"""More boxes than these on one spectrum cannot be chosen one by one, and hide it."""
+
+ONSET_MARK = 8
+"""Height of what stands for each of them."""
 
 LEAST_HIGHEST_DB, MOST_HIGHEST_DB, BRIGHTEST_SHARE = 6.0, 25.0, 0.997
 WIDEST_CHANNEL = 1.35
@@ -247,7 +250,7 @@ def _panel(over: xr.Dataset, time: Scale, top: float, detections: pd.DataFrame) 
     yield element(
         "svg",
         picture(_shares(known, time, scale), BRIGHTNESS, WEAK_STRETCH, **box),
-        *(_boxes_together(own, time, scale) if len(own) > MOST_BOXES else (_box(row, time, scale) for row in own)),
+        *(_onsets_together(own, time, scale) if len(own) > MOST_BOXES else (_box(row, time, scale) for row in own)),
         class_="pane",
         **box,
         viewBox=" ".join(number(one) for one in box.values()),
@@ -264,13 +267,14 @@ def _panel(over: xr.Dataset, time: Scale, top: float, detections: pd.DataFrame) 
     yield words(receiver, time.end, top - 7, class_="panel-unit", text_anchor="end")
 
 
-def _boxes_together(rows: Sequence[dict[str, Any]], time: Scale, scale: Scale) -> Iterator[str]:
-    """Outlines of more detections than anybody can choose between: a path for each kind."""
+def _onsets_together(rows: Sequence[dict[str, Any]], time: Scale, scale: Scale) -> Iterator[str]:
+    """Onsets of more detections than anybody can choose between, at the top: a path for each kind."""
     drawn: dict[str, list[str]] = {}
     for row in rows:
         if (corners := _corners(row, time, scale)) is not None:
-            left, top, right, bottom = (number(one) for one in corners)
-            drawn.setdefault(_kind(str(row["tier"])), []).append(f"M{left} {top}H{right}V{bottom}H{left}Z")
+            drawn.setdefault(_kind(str(row["tier"])), []).append(
+                f"M{number(corners[0])} {number(scale.end)}v{ONSET_MARK}"
+            )
     for kind, some in drawn.items():
         yield element("path", d="".join(some), class_=f"box {kind}")
 

@@ -15,7 +15,7 @@ from bella.units import DAY_S, within_half_turn_deg
 
 CHART_SIZE, DISC_SIZE = (540.0, 280.0), 360.0
 MOST_TIMES = 5
-LEFT, RIGHT, TOP, BOTTOM = 48.0, 22.0, 12.0, 40.0
+LEFT, RIGHT, TOP, BOTTOM = 56.0, 22.0, 12.0, 40.0
 LONGITUDE_TICKS_DEG = (-180, -90, 0, 90, 180)
 LEAST_WIND_KM_S, MOST_WIND_KM_S = 200.0, 900.0
 WIND_TICKS_KM_S = (200, 400, 600, 800)
@@ -59,7 +59,7 @@ def longitude_figure(bursts: Sequence[Marked]) -> str:
         At least one.
     """
     found = [_turned(one.longitude_deg) for one in bursts]
-    sides = {tick: "" if tick in {0, 180, -180} else " W" if tick > 0 else " E" for tick in LONGITUDE_TICKS_DEG}
+    sides = {tick: "" if tick in {0, 180, -180} else "W" if tick > 0 else "E" for tick in LONGITUDE_TICKS_DEG}
     ticks = {float(tick): f"{abs(tick)}°{side}" for tick, side in sides.items()}
     drawn = _against_time(bursts, found, (-180.0, 180.0), ticks)
     return figure("selection", CHART_SIZE, "Longitude of each burst at the Sun against time.", *drawn)

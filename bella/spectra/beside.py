@@ -267,35 +267,13 @@ class Beside:
     def _flag(self, name: str) -> npt.NDArray[np.bool_] | None:
         """Where a flag says that a sample was interpolated, as far as its description tells what it means."""
         values = self._read(name)
-        if values is None:
-            return None
-        known = np.isfinite(values)
-        is_whole = known & (values == np.rint(np.where(known, values, 0.0)))
-        if (known & ~is_whole).any() and "FLAG" not in name.upper():
-            return None  # values that were interpolated, no flags
-        known &= ~np.isin(values, FLAG_FILLS)
-        said = self._described(name)
-        is_interpolated = FLAGS.search(name.upper())
-        if found := INTERPOLATED.search(said):
-            at = values == int(found[1])
-            flagged = ~at if found[2] else at
-        elif found := AFTERWARDS.search(said):
-            at = values == int(found[2])
-            flagged = ~at if found[1] else at
-        elif found := MEASURED.search(said):
-            flagged = values != int(found[1])
-        elif not is_interpolated:
-            return None
-        else:
-            flagged = (values == 0.0) if re.search(r"(NOT|NON|UN)_?INTERP", name.upper()) else (values != 0.0)
-        fitted = self._fitted(name, (flagged & known).astype(np.float32))
+        flagged = None if values is None else interpolated_where(values, name, self._described(name))
+        fitted = None if flagged is None else self._fitted(name, flagged.astype(np.float32))
         return None if fitted is None else fitted > 0.0
 
     def _described(self, name: str) -> str:
-        said = " ".join(self._cdf.attribute(one, name) for one in DESCRIPTIONS).lower()
-        values, meanings = (self._cdf.attribute(one, name).lower() for one in ("FLAG_VALUES", "FLAG_MEANINGS"))
-        pairs = zip(re.findall(r"-?\d+", values), re.split(r"[\s,;]+", meanings), strict=False)
-        return "; ".join([said, *(f"{value}: {meaning.replace('_', ' ')}" for value, meaning in pairs)])
+        said = " ".join(self._cdf.attribute(one, name) for one in DESCRIPTIONS)
+        return flag_words(said, *(self._cdf.attribute(one, name) for one in ("FLAG_VALUES", "FLAG_MEANINGS")))
 
     def _leave_out(self, name: str) -> None:
         if name not in self.left_out:
@@ -321,6 +299,47 @@ class Beside:
             return named
         rest = [name for name in held if name not in named and (like is None or like.search(name.upper()))]
         return named + [name for name in rest if descriptions.search(self._cdf.attribute("CATDESC", name).lower())]
+
+
+def interpolated_where(values: npt.NDArray[Any], name: str, said: str) -> npt.NDArray[np.bool_] | None:
+    """Where a flag says that a sample was interpolated.
+
+    Parameters
+    ----------
+    values : numpy.ndarray
+        Of the flag.
+    name, said : str
+        Name of its variable, and what is said of its values, lower case.
+
+    Returns
+    -------
+    numpy.ndarray of bool or None
+        None where it is no such flag.
+    """
+    known = np.isfinite(values)
+    is_whole = known & (values == np.rint(np.where(known, values, 0.0)))
+    if (known & ~is_whole).any() and "FLAG" not in name.upper():
+        return None  # values that were interpolated, no flags
+    known &= ~np.isin(values, FLAG_FILLS)
+    if found := INTERPOLATED.search(said):
+        at = values == int(found[1])
+        flagged = ~at if found[2] else at
+    elif found := AFTERWARDS.search(said):
+        at = values == int(found[2])
+        flagged = ~at if found[1] else at
+    elif found := MEASURED.search(said):
+        flagged = values != int(found[1])
+    elif not FLAGS.search(name.upper()):
+        return None
+    else:
+        flagged = (values == 0.0) if re.search(r"(NOT|NON|UN)_?INTERP", name.upper()) else (values != 0.0)
+    return np.asarray(flagged & known)
+
+
+def flag_words(said: str, values: str, meanings: str) -> str:
+    """What is said of the values of a flag, with each of them and its meaning."""
+    pairs = zip(re.findall(r"-?\d+", values), re.split(r"[\s,;]+", meanings), strict=False)
+    return "; ".join([said, *(f"{value}: {meaning.replace('_', ' ')}" for value, meaning in pairs)]).lower()
 
 
 def _without_flagged(

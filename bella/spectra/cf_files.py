@@ -21,7 +21,7 @@ from bella.exceptions import InputError, require_extra
 from bella.records import Origin
 from bella.spacecraft import observatory_name
 from bella.spectra.assembly import ascending, cadence_s, dates_in, shared_channels
-from bella.spectra.beside import FLAGS, LONGEST_SWEEP_S, SECONDS, SFU
+from bella.spectra.beside import FLAGS, LONGEST_SWEEP_S, SECONDS, SFU, flag_words, interpolated_where
 from bella.spectra.dynamic_spectrum import (
     ATTRIBUTES,
     OPTIONAL_DIMENSIONS,
@@ -61,6 +61,9 @@ WORST_ROUNDING = 0.1
 """Times are stored too coarsely where they are rounded to this share of the step between records."""
 
 NO_POSITION_KM = 1e15
+NAMED = "bella_named"
+"""Attribute of a flag: its name in the file, which may say that it is of what was not interpolated."""
+
 LEAP_SECOND = re.compile(r"^(.{10}.\d\d:\d\d:)60")
 """Of text; datetime64 has none, so it is the first of the next day."""
 
@@ -233,6 +236,8 @@ def _in_our_names(stored: xr.Dataset) -> xr.Dataset:
         if wanted and is_free and name not in renamed:
             renamed[name] = wanted
     spectrum = stored.rename(renamed)
+    for name in (name for name, ours in renamed.items() if ours == "interpolated" and ours in spectrum.variables):
+        spectrum["interpolated"].attrs[NAMED] = str(name)
     spectrum.attrs = {
         (_plain(name) if _plain(name) in (*ATTRIBUTES, "origin", "power_exponent") else name): _single(value)
         for name, value in stored.attrs.items()
@@ -480,7 +485,14 @@ def _with_flags(spectrum: xr.Dataset) -> xr.Dataset:
     if "interpolated" not in spectrum or spectrum["interpolated"].dtype.kind not in "biuf":
         return spectrum
     flag = spectrum["interpolated"]
-    flagged = (flag != 0) & flag.notnull()
+    named = str(flag.attrs.get(NAMED, "interpolated"))
+    stated = (np.atleast_1d(flag.attrs.get(name, "")) for name in ("flag_values", "flag_meanings"))
+    values, meanings = (" ".join(map(str, one)) for one in stated)
+    described = " ".join(str(flag.attrs.get(one, "")) for one in ("long_name", "description", "comment"))
+    found = interpolated_where(flag.to_numpy().astype(np.float64), named, flag_words(described, values, meanings))
+    if found is None:  # values that were interpolated, no flags
+        return spectrum.drop_vars("interpolated")
+    flagged = flag.copy(data=found).drop_attrs()
     if flagged.dims == ("frequency",) or not set(flagged.dims) <= set(FORM):
         return spectrum.assign(interpolated=flagged)
     whole = flagged.broadcast_like(spectrum["intensity"]).transpose(*FORM)

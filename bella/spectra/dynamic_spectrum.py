@@ -86,6 +86,9 @@ UNITS_OF = (
 )
 """Beginnings of units, as plain text, and the quantities that can be in them."""
 
+NO_UNIT = re.compile(r"\d{4}|.{60}", re.DOTALL)
+"""What no unit has; astropy would compute 10**999999999."""
+
 ASTROPY_UNITS = {"psd_v2_hz": "V2 / Hz", "flux_w_m2_hz": "W / (m2 Hz)"}
 
 
@@ -97,7 +100,7 @@ def _plain_unit(unit: str) -> str:
 def unit_of_another(unit: str, quantity: str) -> bool:
     """Whether a unit, as a file states it, can only be that of another quantity."""
     found = [quantities for begins, quantities in UNITS_OF if re.match(begins, _plain_unit(unit))]
-    return any(quantity not in quantities for quantities in found)
+    return any(quantity not in quantities for quantities in found) or _parsed_factor(unit, quantity) is None
 
 
 def in_unit(values: npt.NDArray[Any], unit: str, quantity: str) -> None:
@@ -112,23 +115,23 @@ def in_unit(values: npt.NDArray[Any], unit: str, quantity: str) -> None:
     quantity : str
         One of ``QUANTITIES``.
     """
-    factor = UNIT_FACTORS.get(quantity, {}).get(_plain_unit(unit)) or _parsed_factor(unit, quantity)
+    factor = UNIT_FACTORS.get(quantity, {}).get(_plain_unit(unit)) or _parsed_factor(unit, quantity) or 1.0
     if factor != 1.0 and np.nanmax(values, initial=0.0) * factor > SMALLEST[quantity]:
         values *= values.dtype.type(factor)
 
 
-def _parsed_factor(unit: str, quantity: str) -> float:
-    """From a unit that astropy understands to that of a quantity, 1 from any other."""
+def _parsed_factor(unit: str, quantity: str) -> float | None:
+    """From a unit that astropy understands to that of a quantity: 1 from what is no unit, None from that of another."""
     is_known = any(re.match(f"({begins})$", _plain_unit(unit)) for begins, _ in UNITS_OF)
-    if quantity not in ASTROPY_UNITS or is_known or not unit.strip():
+    if quantity not in ASTROPY_UNITS or is_known or not unit.strip() or NO_UNIT.search(unit):
         return 1.0
     from astropy import units as u  # noqa: PLC0415 - heavy, and few files need it
 
-    try:
-        with warnings.catch_warnings(action="ignore"):  # of ways to write units that are understood all the same
-            return float(u.Unit(unit).to(ASTROPY_UNITS[quantity]))
-    except (ValueError, TypeError):  # no unit, or one of something else
+    with warnings.catch_warnings(action="ignore"):  # of ways to write units that are understood all the same
+        stated = u.Unit(unit, parse_strict="silent")
+    if isinstance(stated, u.UnrecognizedUnit) or stated == u.dimensionless_unscaled:
         return 1.0
+    return float(stated.to(ASTROPY_UNITS[quantity])) if stated.is_equivalent(ASTROPY_UNITS[quantity]) else None
 
 
 def without_fill(intensity: npt.NDArray[Any], quantity: str) -> npt.NDArray[Any]:

@@ -124,7 +124,7 @@ def test_a_cursor_of_another_question_is_refused(reader: TestClient) -> None:
         ("area_max=much", "area_max"),
         ("updated_since=noon", "updated_since: 'noon' is not a time"),
         ("observatory=Solr Orbiter", "observatory: no spacecraft is named"),
-        ("longitude=3", "longitude: is not a parameter"),
+        ("longitude=3", "longitude: is not a parameter of this address; it takes origin, start, stop,"),
     ],
 )
 @pytest.mark.parametrize("path", ["bursts", "tracks", "localisations", "bursts/latest"])

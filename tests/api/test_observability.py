@@ -11,6 +11,7 @@ from fastapi.testclient import TestClient
 from api.app import create_app
 from bella.catalogue import Catalogue, ObservedDay, SearchedDay
 from bella.pipeline.observability import fleet_map, observed_day
+from bella.records import Origin
 from bella.settings import Settings
 from bella.spacecraft import position_hee
 from bella.units import C_RSUN_S
@@ -93,6 +94,20 @@ def test_api_and_page_serve_what_was_stored(observed: ObservedDay, empty: Settin
     assert page.status_code == 200
     assert 'id="observability"' in page.text
     assert len(whole["receivers"]) == 4
+
+
+def test_observability_of_simulated_data_is_given_to_who_asks_for_it(observed: ObservedDay, empty: Settings) -> None:
+    with closing(Catalogue.open(empty.catalogue_url)) as catalogue:
+        catalogue.operation.record_observed(observed, "a" * 64, Origin.SIMULATED)
+        catalogue.record_day(SearchedDay(DAY, "a" * 64, "0", ("WIND",), origin=Origin.SIMULATED), ())
+    with TestClient(create_app(empty)) as client:
+        for address in (f"/api/v1/observability?time={DAY}T14:30Z&", f"/api/v1/days/{DAY}/observability?"):
+            assert "origin=simulated" in client.get(address.removesuffix("&")).json()["detail"]
+            assert client.get(f"{address}origin=simulated").status_code == 200
+            assert client.get(f"{address}origin=all").status_code == 200
+        page = client.get(f"/days/{DAY}?origin=simulated", headers={"Accept": "text/html"}).text
+    assert f"/api/v1/days/{DAY}/observability?origin=simulated" in page
+    assert f"/api/v1/observability?time={DAY}T12:00Z&amp;origin=simulated" in page
 
 
 def test_bad_times_are_refused(empty: Settings) -> None:

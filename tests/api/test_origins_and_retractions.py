@@ -194,6 +194,8 @@ def test_a_retracted_burst_is_a_tombstone_everywhere(reader: TestClient) -> None
     assert "timed on &lt;interference&gt;" in html
     assert "<interference>" not in html
     assert '<p class="answer"' not in html
+    assert 'id="published"' in html
+    assert "Show the preferred one" not in html
 
 
 def test_tables_name_the_origin_and_the_reason_of_a_retraction(reader: TestClient) -> None:

@@ -303,11 +303,12 @@ def test_a_table_is_checked_row_by_row_and_shown_before_anything_is_kept(client:
     assert reply.status_code == 200
     assert 'class="figure constellation"' in reply.text
     assert "1 frequency" in re.sub(r"<[^>]+>", "", reply.text)
-    bad = [good[0], good[1].replace("1.0", "-1"), good[2].replace("2012", "20x2")]
+    bad = [good[0], good[1].replace("1.0", "-1"), good[2].replace("2012", "20x2"), good[0].replace("Wind", "Wnd")]
     reply = client.post("/submit", data={"table": "\n".join([head, *bad])}, headers=HTML)
     assert reply.status_code == 422
     faults = re.findall(r"<li>([^<]+)</li>", reply.text)
-    assert [one.partition(",")[0] for one in faults] == ["row 2", "row 3"]
+    assert [one.partition(",")[0] for one in faults] == ["row 2", "row 3", "row 4"]
+    assert "is not in the ephemeris" in faults[2]
     assert good[0] in reply.text
     assert client.post("/submit", data={"table": "nonsense"}, headers=HTML).status_code == 422
     assert client.post("/submit", data={"table": "x" * 10**7}, headers=HTML).status_code == 413

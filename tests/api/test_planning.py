@@ -31,6 +31,8 @@ def test_the_whole_fleet_of_a_day_is_taken_where_none_is_named(client: TestClien
     found = client.get("/api/v1/planning?day=2013-05-13").json()
     assert set(found["receivers_rsun"]) == {"WIND", "STEREO-A", "STEREO-B"}
     assert found["missing"] == {}
+    assert "No position is known on this day of PSP and of SOLO." in page(client, "/planning?day=2013-05-13")
+    assert "No position is known" not in page(client, f"/planning?{ASKED}")
     assert client.get("/api/v1/planning").json()["localisable"] in {True, False}
 
 

@@ -1,5 +1,6 @@
 """The page of a burst: the answer first, figures that follow the link, and nothing lost without scripts."""
 
+import re
 from urllib.parse import parse_qs, urlsplit
 
 import pytest
@@ -122,6 +123,14 @@ def test_slider_and_click_choose_a_frequency_with_its_regions_and_numbers(watch:
     page.mouse.click(box["x"] + 0.5 * box["width"], box["y"] + 0.1 * box["height"])
     shown(page)
     assert float(view(page)["frequency"]) > 0.5
+
+
+def test_the_source_moves_out_with_a_clock(watch: Watch, burst_path: str) -> None:
+    page = watch.open(burst_path)
+    page.get_by_role("button", name="Play").click()
+    expect(page.locator("#emitted")).to_contain_text(re.compile(r"MHz emitted at 19:\d\d:\d\d UTC"))
+    expect(page.locator("svg.constellation .dots circle[visibility=hidden]")).to_have_count(0)
+    expect(page.locator("#emitted")).to_contain_text("0.150 MHz")
 
 
 def test_dragging_over_a_spectrum_zooms_and_the_link_keeps_it(watch: Watch, burst_path: str) -> None:

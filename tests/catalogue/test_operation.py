@@ -8,6 +8,7 @@ import pytest
 from bella.catalogue import Catalogue, Freshness, Latency, MockRun, ObservedDay, SearchedDay, SolutionTimes
 from bella.catalogue.operation import BINS, ReceiverDay
 from bella.exceptions import ConvergenceError, NoDataError
+from bella.records import Origin
 from tests.catalogue.examples import START, burst, publication
 
 NOW = datetime(2026, 1, 2, 3, 4, 5, tzinfo=UTC)
@@ -92,6 +93,12 @@ def test_observability_of_a_day_is_replaced_and_a_day_without_it_says_so(catalog
         catalogue.operation.record_observed(one, "hash")
     found = catalogue.operation.observed(day)
     assert found == one
+    made_up = one.model_copy(update={"day": date(2021, 2, 3)})
+    catalogue.operation.record_observed(made_up, "hash", Origin.SIMULATED)
+    assert catalogue.operation.observed(made_up.day, tuple(Origin)) == made_up
+    assert catalogue.operation.observed_between(day, made_up.day) == (one,)
+    with pytest.raises(NoDataError, match="origin=simulated gives"):
+        catalogue.operation.observed(made_up.day)
     assert found.at(datetime(2021, 2, 1, 23, 59, tzinfo=UTC)) == (("WIND",), None)
     with pytest.raises(NoDataError, match="2021-02-02T00:00 is not on 2021-02-01"):
         found.at(datetime(2021, 2, 2, tzinfo=UTC))

@@ -227,6 +227,7 @@ def test_a_header_stands_above_the_data_and_parameters_are_chosen(address: str) 
 def test_compressed_data_are_the_same(address: str) -> None:
     reply, body = sample(address, "bursts", encoding="gzip", parameters="phi0_deg")
     assert reply.headers["Content-Encoding"] == "gzip"
+    assert "Accept-Encoding" in reply.headers["Vary"]
     assert gzip.decompress(body) == sample(address, "bursts", parameters="phi0_deg")[1]
 
 

@@ -16,6 +16,7 @@ from bella.exceptions import BellaError, InputError, UnreachableError
 from bella.settings import Settings
 from flows import serve
 from flows.tasks import answering
+from tests.commands import Sandbox
 
 NAMES = {"submissions", "days", "mock-burst", "housekeeping", "ingest"}
 
@@ -95,6 +96,13 @@ def test_a_watch_ends_before_the_next_one_asks_for_its_place(with_prefect: dict[
 def test_a_deployment_that_is_not_there_is_refused() -> None:
     with pytest.raises(InputError, match="no deployment 'backup': choose from submissions, days"):
         serve.main(["backup"])
+
+
+def test_a_worker_without_a_prefect_server_is_refused(sandbox: Sandbox) -> None:
+    """The server that a run starts for itself schedules nothing: the worker would wait for ever, and say nothing."""
+    ended = sandbox.run(sys.executable, "-m", "flows.serve", code=1)
+    assert ended.stderr.startswith("flows.serve: PREFECT_API_URL is not set")
+    assert ended.stderr.count("\n") == 1
 
 
 @pytest.mark.parametrize("error", [httpx.ConnectError("refused"), PrefectException("gone")])

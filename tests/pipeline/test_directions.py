@@ -1,17 +1,23 @@
 """Wave directions from the files of a day to a solution: found with the burst, crossed, fused with its times."""
 
+from collections.abc import Callable
+from dataclasses import replace
 from datetime import date
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pandas as pd
 import pytest
+import xarray as xr
 
 from bella.arrivals import locate_receivers
 from bella.catalogue import Series
 from bella.multilateration import localise
-from bella.pipeline.day import FoundDay, search_day, timed_burst
+from bella.pipeline.burst import BurstOutcome, Choice
+from bella.pipeline.day import FoundBurst, FoundDay, search_day, timed_burst
 from bella.pipeline.inputs import BurstInput
+from bella.pipeline.run import begin_found
 from bella.pipeline.surroundings import surroundings_of
 from bella.pipeline.tracks import Timing, burst_directions
 from bella.settings import Settings
@@ -99,3 +105,36 @@ def test_spectra_without_a_record_of_the_burst_have_no_directions_and_end_nothin
     start = burst.found.start_utc.to_datetime64()
     window = (start - np.timedelta64(9, "D"), start - np.timedelta64(8, "D"))
     assert burst_directions(spectra, window, (0.3, 1.0)).empty
+
+
+def changed(found: FoundDay, change: Callable[[xr.Dataset], xr.Dataset]) -> FoundBurst:
+    """The burst, with other spectra of what is the same in its detections."""
+    (one,) = [one for one in found.bursts if one.edges and one.found.start_utc.hour == 16]
+    members = tuple(
+        replace(member, searched=member.searched._replace(over=change(member.searched.over)))
+        for member in one.found.members
+    )
+    return replace(one, found=replace(one.found, members=members))
+
+
+def silent(over: xr.Dataset) -> xr.Dataset:
+    """Wind with no signal."""
+    return over.assign(intensity=0.0 * over["intensity"]) if over.attrs["observatory"] == "WIND" else over
+
+
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        (silent, "good edges at WIND"),
+        (lambda over: over.isel(time=slice(0, 0)), "no record"),
+    ],
+)
+def test_a_burst_whose_edges_do_not_place_it_is_a_reason(
+    found: FoundDay, tmp_path: Path, change: Callable[[xr.Dataset], xr.Dataset], said: str
+) -> None:
+    one = changed(found, change)
+    done = begin_found(found.files, one, Choice(), Settings(home=tmp_path), "run")
+    assert isinstance(done, BurstOutcome)
+    assert (done.burst_id, done.outcomes) == (one.burst_id, ())
+    assert said in done.reason
+    assert not (tmp_path / "catalogue.sqlite").exists()

@@ -13,12 +13,13 @@ import pytest
 from bella.archive import find_datasets
 from bella.catalogue import Catalogue, EventQuery, ListRead
 from bella.exceptions import InputError
+from bella.linked_events.events import at_sun
 from bella.pipeline.ingest import feeds
 from bella.pipeline.linked_events import refresh_events, released
 from bella.records import Moment, Origin
 from bella.settings import Settings
 from tests.api.published import ONSET, published, synthetic_burst
-from tests.catalogue.examples import fitted
+from tests.catalogue.examples import burst, fitted, publication
 from tests.fixtures_postgres import postgres_database
 from tests.linked_events.published import DONKI_FLARES, FILES, SWPC
 from tests.plotting.synthetic import BURST_ID
@@ -166,6 +167,15 @@ def test_a_release_that_is_not_known_well_says_less_than_the_emission(settings: 
             without = replace(summary, solutions=())
             light_s = (ONSET - released(catalogue, without)).total_seconds()
         assert light_s == pytest.approx(0.9604 * 499.005, abs=2.0)  # to STEREO-A, the nearest
+
+
+def test_a_burst_without_positions_began_its_light_time_before_its_onset(settings: Settings) -> None:
+    with Catalogue.open(settings.catalogue_url) as catalogue:
+        catalogue.publish(publication(of=burst("T3-20120608-0100"), localisations=()))
+        summary = catalogue.burst("T3-20120608-0100")
+        assert summary.solutions
+        begun = released(catalogue, summary)
+    assert begun == max(at_sun(summary.burst.start_utc, name) for name in summary.burst.observatories)
 
 
 @both

@@ -2,13 +2,18 @@
 
 import tempfile
 from contextlib import closing
+from dataclasses import replace
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
+from typing import Any
 
 import pytest
 
+import bella.pipeline.mock as room
 from bella.catalogue import Catalogue, MockRun
-from bella.exceptions import BellaError
+from bella.exceptions import BellaError, NotPlacedError
+from bella.pipeline.burst import Choice
+from bella.pipeline.day import FoundDay, search_day
 from bella.pipeline.mock import PREFIX, forget_mocks, run_mock_burst
 from bella.settings import Settings
 from bella.store import open_group
@@ -68,3 +73,25 @@ def test_what_fails_is_noted_with_its_reason(tmp_path: Path, monkeypatch: pytest
     assert run is not None
     assert run.state == "failed"
     assert "not-there" in run.message
+
+
+def without_bursts(files: Any, known: Any) -> FoundDay:
+    return replace(search_day(files, known), bursts=())
+
+
+@pytest.mark.parametrize(
+    ("name", "instead", "said"),
+    [("search_day", without_bursts, "no burst was found"), ("Choice", lambda: Choice(method="guess"), "guess")],
+)
+def test_a_link_of_the_path_that_gives_nothing_is_named(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, name: str, instead: Any, said: str
+) -> None:
+    settings = Settings(home=tmp_path)
+    monkeypatch.setattr(room, name, instead)
+    with pytest.raises(NotPlacedError, match=said):
+        run_mock_burst(settings, NOW)
+    with closing(Catalogue.open(settings.catalogue_url)) as catalogue:
+        run = catalogue.operation.last_mock()
+    assert run is not None
+    assert (run.state, run.solution_id) == ("failed", "")
+    assert said in run.message

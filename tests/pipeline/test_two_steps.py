@@ -11,10 +11,12 @@ import pytest
 
 from bella.answer import answer_of, read_track
 from bella.catalogue import Catalogue, Solution
-from bella.exceptions import BusyError
-from bella.pipeline.burst import Begun, BurstOutcome, Choice, begin_burst, continue_burst, process_burst
+from bella.exceptions import BusyError, StoreError
+from bella.pipeline.burst import PRELIMINARY, Begun, BurstOutcome, Choice, begin_burst, continue_burst, process_burst
+from bella.pipeline.draw import Drawn, draw_burst, figure_paths
 from bella.pipeline.housekeeping import sweep_store
 from bella.pipeline.inputs import BurstInput
+from bella.pipeline.surroundings import surroundings_of
 from bella.settings import Settings
 from bella.store.layout import age_s
 from tests.pipeline.examples import built_in_event
@@ -138,3 +140,43 @@ def test_a_sweep_between_the_steps_spares_what_a_live_run_works_on(tmp_path: Pat
             assert sweep_store(catalogue, settings, "housekeeping") == []
         assert group.is_file()
         assert sweep_store(catalogue, settings, "housekeeping") == ["T3-1/half_rise.zarr.zip"]
+
+
+def of_two(given: BurstInput) -> BurstInput:
+    """The burst as Wind and STEREO-A received it, by the edge of which the two agree."""
+    table = given.arrivals[SECOND]
+    arrivals = table[table["observatory"] != "STEREO-B"]
+    return replace(given, arrivals={SECOND: arrivals}, burst=replace(given.burst, observatories=("WIND", "STEREO-A")))
+
+
+def test_a_preliminary_track_is_made_once_and_yields_to_a_final_one(given: BurstInput, tmp_path: Path) -> None:
+    settings = settings_of(tmp_path)
+    (first,) = process_burst(of_two(given), Choice(), settings, "first").outcomes
+    (again,) = process_burst(of_two(given), Choice(), settings, "again").outcomes
+    assert (first.solution.answer.tier, first.new, again.new) == (PRELIMINARY, True, False)
+    assert again.solution.solution_id == first.solution.solution_id
+
+    final = begun_at(given, settings).outcomes[0]
+    refused = process_burst(of_two(given), Choice(), settings, "late")
+    assert refused.outcomes == ()
+    assert refused.reason == f"two spacecraft give no more than {final.solution.solution_id}, which stands"
+
+
+def test_figures_that_cannot_be_drawn_end_nothing_and_a_store_that_fails_is_the_disk(
+    given: BurstInput, whole: Any
+) -> None:
+    settings, _, late = whole
+    solution, track = late[FIRST]
+    around = surroundings_of(given.burst.start_utc, settings)
+    figures = figure_paths(given, [Drawn(solution, track)], settings)
+    for figure in figures:
+        figure.unlink()
+
+    draw_burst(given, [Drawn(solution, {**track, "joint": "no fit"})], settings, around)
+    assert not any(figure.is_file() for figure in figures)
+
+    with pytest.raises(StoreError):
+        draw_burst(given, [Drawn(replace(solution, store_path="gone.zarr.zip"), track)], settings, around)
+
+    draw_burst(given, [Drawn(solution, track)], settings, around)
+    assert all(figure.is_file() for figure in figures)

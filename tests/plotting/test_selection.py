@@ -36,7 +36,7 @@ def test_west_is_up_and_later_is_right_and_each_burst_leads_to_its_page() -> Non
     west, east, unknown = (float(one.get("cy")) for one in circles)
     assert west < east < unknown
     labels = {one.text: float(one.get("y")) - 4 for one in of_class(root, "tick")}
-    assert west == pytest.approx(labels["0°"] + (labels["90° W"] - labels["0°"]) * 60 / 90, abs=0.2)
+    assert west == pytest.approx(labels["0°"] + (labels["90°W"] - labels["0°"]) * 60 / 90, abs=0.2)
     (interval,) = links[0].findall(f"{SVG}line")
     assert float(interval.get("y2")) < west < float(interval.get("y1"))
     assert len(of_class(root, "grade-A")) == 1

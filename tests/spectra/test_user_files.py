@@ -189,6 +189,7 @@ def test_flux_at_1_au_is_in_solar_flux_units(tmp_path: Path, unit: str, per_sfu:
         ("kJy", "flux_w_m2_hz", 1e-23),
         ("sfu", "relative_flux", 1.0),
         ("arbitrary", "flux_w_m2_hz", 1.0),
+        ("10**999999999 Jy", "flux_w_m2_hz", 1.0),
     ],
 )
 def test_intensity_is_converted_from_its_unit(tmp_path: Path, unit: str, quantity: str, factor: float) -> None:
@@ -261,6 +262,14 @@ REFUSED: dict[str, tuple[Change, str]] = {
         lambda one: intensity(DECIBEL, units="dB")(one).assign_attrs(quantity="dB"),
         "attribute 'quantity' is 'db': use one of",
     ),
+    "kelvins": (
+        lambda one: intensity(DECIBEL, units="K")(one).assign_attrs(quantity="flux_w_m2_hz"),
+        "intensity is in 'K', which is no flux_w_m2_hz",
+    ),
+    "volts": (
+        lambda one: intensity(DECIBEL, units="V / Hz(1/2)")(one).assign_attrs(quantity="psd_v2_hz"),
+        "which is no psd_v2_hz",
+    ),
     "offsets in ms": (lambda one: one.assign(sample_offset_s=("frequency", MHZ * 1e4)), "offsets in seconds"),
 }
 
@@ -315,6 +324,24 @@ def test_flags_of_records_and_samples(tmp_path: Path, name: str, dims: tuple[str
         return
     expected = flag[:, None] if dims == ("time",) else flag if dims[0] == "time" else flag.T
     np.testing.assert_array_equal(np.isnan(read["intensity"]), np.broadcast_to(expected, (200, 8)))
+
+
+@pytest.mark.parametrize(
+    ("name", "attributes"),
+    [
+        ("interpol_flag", {"long_name": "1 = measured, 0 = interpolated"}),
+        ("interpol_flag", {"flag_values": np.array([0, 1], "u1"), "flag_meanings": "interpolated measured"}),
+        ("not_interpolated", {}),
+    ],
+)
+def test_what_a_flag_says_of_its_values_counts(tmp_path: Path, name: str, attributes: dict[str, object]) -> None:
+    measured = RANDOM.random((200, 8)) < 0.9
+    given = spectrum().assign({name: (("time", "frequency"), measured.astype("u1"), attributes)})
+
+    (read,) = open_spectra(written(tmp_path, lambda _: given))
+
+    np.testing.assert_array_equal(np.isfinite(read["intensity"]), measured)
+    assert "bella_named" not in given[name].attrs
 
 
 def test_a_sample_without_a_time_has_that_of_its_record(tmp_path: Path) -> None:
