@@ -137,9 +137,15 @@ def _read(connection: Connection, statements: tuple[Select[Any], Select[Any]], *
     return by_preference(_solution(row, flags.get(row["solution_id"], ())) for row in rows)
 
 
-_NEWEST = _statements(
-    table_of(SolutionRow).c.burst_id.in_(bindparam("burst_ids", expanding=True)), is_newest(table_of(SolutionRow))
-)
+def _newest() -> tuple[Select[Any], Select[Any]]:
+    """Statements for the newest versions of bursts, which are named twice: else PostgreSQL reads the others as well."""
+    asked: BindParameter[Any] = bindparam("burst_ids", expanding=True)
+    table = table_of(SolutionRow)
+    rows, flags = _statements(table.c.burst_id.in_(asked), is_newest(table))
+    return rows.where(table_of(BurstRow).c.burst_id.in_(asked)), flags
+
+
+_NEWEST = _newest()
 _VERSIONS = _statements(table_of(SolutionRow).c.burst_id == bindparam("burst_id"))
 _ONE = _statements(table_of(SolutionRow).c.solution_id == bindparam("solution_id"))
 

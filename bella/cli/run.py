@@ -194,13 +194,16 @@ def _directly(
     asked: Asked,
     brought: "BroughtFolder | None" = None,
 ) -> "Sequence[DayOutcome]":
-    from bella.pipeline.outcome import check_finished
-    from bella.pipeline.run import Direct, Run, process_days
     from bella.pipeline.workers import Workers
 
-    log = settings.home / "logs" / "bella.log"
-    with Workers(settings.workers, settings, log) as workers, Direct(settings.workers) as executor:
-        done = process_days(days, archive, Run(settings, DIRECT, workers, asked.choice), executor, brought)
+    with Workers(settings.workers, settings, settings.home / "logs" / "bella.log") as workers:
+        workers.start()  # they load what they need while this process does
+
+        from bella.pipeline.outcome import check_finished
+        from bella.pipeline.run import Direct, Run, process_days
+
+        with Direct(settings.workers) as executor:
+            done = process_days(days, archive, Run(settings, DIRECT, workers, asked.choice), executor, brought)
     check_finished(done.outcomes, done.unreachable, done.left_out)
     return done.outcomes
 

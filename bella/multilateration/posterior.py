@@ -176,8 +176,16 @@ def log_evidence(grid: ArrivalGrid, recipe: Recipe, late_s: FloatArray, late_sd_
     clocks = LateClocks(late_s[None], late_sd_s[None], np.zeros((1, grid.frequency_mhz.size)))
     preset = recipe.preset
     problems = problems_of(grid, preset.priors, recipe.dimensions, delay=preset.delay, clocks=clocks)
-    parts = [moments_of(some, cells).log_evidence for some, cells in _divided(problems, grid.frequency_mhz)]
+    parts = []
+    for some, cells in _divided(problems, grid.frequency_mhz):
+        _, log_sum = normalised(cells.log_mass, cells.owner, some.count)
+        parts.append(_log_evidence(some, cells, log_sum))
     return np.concatenate(parts)
+
+
+def _log_evidence(problems: Problems, cells: Cells, log_sum: FloatArray) -> FloatArray:
+    """Logarithm of the evidence of each problem, shape (B,), from that of the sum over its cells."""
+    return np.asarray(log_sum + np.log(cells.side).sum(axis=0) + log_constant(problems))
 
 
 def _divided(problems: Problems, frequency_mhz: FloatArray) -> Iterator[tuple[Problems, Cells]]:
@@ -229,7 +237,7 @@ def moments_of(problems: Problems, cells: Cells) -> Moments:
         emission_sd_s=np.sqrt(emission_variance),
         v_over_c=_mean(speed.v),
         v_over_c_sd=np.sqrt(_spread(speed.v, speed.v_variance)),
-        log_evidence=log_sum + np.log(cells.side).sum(axis=0) + log_constant(problems),
+        log_evidence=_log_evidence(problems, cells, log_sum),
         above_c=_mean(speed.above_c),
         prior_pull=prior_pull,
         bad_probability=np.stack([summed(one, owner, count) for one in joint], axis=1) @ problems.bad,

@@ -1,8 +1,10 @@
 """What a sample is, a snapshot or a mean of a minute, and how well its time is known, in the error of an edge."""
 
 from dataclasses import replace
+from functools import cache
 
 import numpy as np
+import pandas as pd
 import pytest
 import xarray as xr
 
@@ -52,12 +54,29 @@ def minutes(spectrum: xr.Dataset, seed: int) -> xr.Dataset:
     return averaged.assign_attrs(integration_s=60.0)
 
 
-def errors(spectra: list[xr.Dataset], band_mhz: tuple[float, float]) -> tuple[np.ndarray, np.ndarray]:
+Edges = list[pd.DataFrame]
+
+
+@cache
+def edges_of_snapshots(cadence_s: float) -> tuple[Edges, Edges]:
+    """Of snapshots that are known to be such, and of the same taken for means."""
+    known = [snapshots(seed, cadence_s) for seed in SEEDS]
+    taken_for_means = [one.assign_attrs(integration_s=cadence_s) for one in known]
+    return [spectrum_edges(one) for one in known], [spectrum_edges(one) for one in taken_for_means]
+
+
+@cache
+def edges_of_minutes() -> tuple[Edges, Edges]:
+    """Of averages that are known to be of one or two sweeps, and of the same taken for means of a minute."""
+    averaged = [minutes(snapshots(seed, SWEEP_S), seed) for seed in SEEDS]
+    return [spectrum_edges(by_minute(one)) for one in averaged], [spectrum_edges(one) for one in averaged]
+
+
+def errors(timed: Edges, band_mhz: tuple[float, float]) -> tuple[np.ndarray, np.ndarray]:
     """Errors of the edges in a band, s and in their stated sigmas."""
     truth_s = arrival_s(BURST, CHANNELS_MHZ, "STEREO-A")
     off, pull = [], []
-    for one in spectra:
-        edges = spectrum_edges(one)
+    for edges in timed:
         found = (edges["flag"] == "").to_numpy() & edges["frequency_mhz"].between(*band_mhz).to_numpy()
         error_s = (edges["arrival_utc"].to_numpy() - RELEASE) / SECOND - truth_s
         off.append(error_s[found])
@@ -70,8 +89,7 @@ def errors(spectra: list[xr.Dataset], band_mhz: tuple[float, float]) -> tuple[np
 def test_snapshots_are_timed_without_bias_when_they_are_known_to_be_snapshots(
     cadence_s: float, band_mhz: tuple[float, float]
 ) -> None:
-    known = [snapshots(seed, cadence_s) for seed in SEEDS]
-    taken_for_means = [one.assign_attrs(integration_s=cadence_s) for one in known]
+    known, taken_for_means = edges_of_snapshots(cadence_s)
     off, pull = errors(known, band_mhz)
     before, _ = errors(taken_for_means, band_mhz)
 
@@ -82,9 +100,9 @@ def test_snapshots_are_timed_without_bias_when_they_are_known_to_be_snapshots(
 
 @pytest.mark.parametrize("band_mhz", [(0.3, 1.0), (1.0, 2.0)])
 def test_averages_of_one_or_two_sweeps_are_no_means_of_a_minute(band_mhz: tuple[float, float]) -> None:
-    averaged = [minutes(snapshots(seed, SWEEP_S), seed) for seed in SEEDS]
-    _, unaware = errors(averaged, band_mhz)
-    _, pull = errors([by_minute(one) for one in averaged], band_mhz)
+    known, taken_for_means = edges_of_minutes()
+    _, unaware = errors(taken_for_means, band_mhz)
+    _, pull = errors(known, band_mhz)
 
     assert unaware.std() > 1.4
     assert 0.6 < pull.std() < 1.4

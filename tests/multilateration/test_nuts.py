@@ -22,7 +22,7 @@ def table():
 @pytest.fixture(scope="module")
 def pair(table):
     told: list[int] = []
-    sampled = localise(table, method="nuts", draws=8000, seed=3, advance=told.append)
+    sampled = localise(table, method="nuts", draws=4000, seed=3, advance=told.append)
     assert told == [1, 1]
     return sampled, localise(table, draws=10)
 
@@ -58,7 +58,7 @@ def test_the_sampled_solution_says_so(pair) -> None:
     sampled, exact = pair
 
     assert sampled.attrs["method"] == "nuts"
-    assert sampled["draws"].shape == (2, 8000, 4)
+    assert sampled["draws"].shape == (2, 4000, 4)
     assert np.isnan(sampled["log_evidence"]).all()
     assert (sampled["draw_ess"] > 1000).all()
     assert set(sampled.data_vars) == set(exact.data_vars)

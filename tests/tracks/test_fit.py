@@ -13,7 +13,7 @@ from bella.heliosphere.scattering import NO_DELAY, DirectionalDelay
 from bella.tracks import TrackFit, TrackModel, fit_track, measured_wind
 from bella.tracks.likelihood import Likelihood, evidence_of
 from bella.tracks.model import Track
-from bella.tracks.posterior import Draws
+from bella.tracks.posterior import Draws, _search, _together, _with_delay, around_the_circle
 from benchmarks.tracks import log_density_apart, pymc_model
 from tests.tracks.foreign import FOUR, FREQUENCY_MHZ, Burst, drawn
 
@@ -170,7 +170,7 @@ def test_the_time_of_emission_comes_out() -> None:
 def test_sampling_agrees_with_the_sum_over_longitudes() -> None:
     from scipy.special import logsumexp
 
-    from bella.tracks.posterior import around_the_circle, cells, sample
+    from bella.tracks.posterior import cells, sample
 
     grid = Burst().arrivals(np.random.default_rng(8))
     likelihood = Likelihood(Track(TrackModel(), (0.16, 1.9)), evidence_of(grid))
@@ -385,6 +385,24 @@ def test_the_smallest_regions_hold_what_they_say() -> None:
     assert only.high - only.low < near.high - near.low
     (everywhere,) = region(replace(nodes, log_density=np.zeros(720)), 1.0)
     assert (everywhere.low, everywhere.high) == (-180.0, 180.0)
+
+
+def test_delays_that_are_held_are_searched_together_as_each_alone() -> None:
+    begin = Likelihood(Track(TrackModel(), (FREQUENCY_MHZ[0], FREQUENCY_MHZ[-1])), evidence_of(drawn(702)[1]))
+    track, near = begin.track, around_the_circle(begin)
+    held = replace(begin, track=replace(track, holds_delay=True))
+    starts = [_with_delay(near, track.winds, one) for one in (-2.0, 1.2)]
+    together = _together(held, [_search(held.track, start) for start in starts])
+
+    for one, start, found in zip((-2.0, 1.2), starts, together, strict=True):
+        delay = replace(track.model.delay, kappa=track.kappa(np.full(track.size, one)).item(), kappa_sd=0.0)
+        fixed = replace(begin, track=replace(track, model=replace(track.model, delay=delay)))
+        start.z[:, track.winds] = 0.0
+        alone = around_the_circle(fixed, start)
+        np.testing.assert_array_equal(found.phi0_rad, alone.phi0_rad)
+        np.testing.assert_allclose(found.log_evidence, alone.log_evidence, rtol=1e-9)
+        assert (found.z[:, track.winds] == one).all()
+        np.testing.assert_allclose(np.delete(found.z - alone.z, track.winds, axis=1), 0.0, atol=1e-6)
 
 
 def test_the_delay_is_propagated_and_not_measured() -> None:

@@ -278,8 +278,8 @@ def test_speeds_on_both_sides_of_a_knot_are_found() -> None:
 def test_one_speed_asks_for_no_knot() -> None:
     rng = np.random.default_rng(10)
     truth = positions(RANGE_RSUN, spiral_longitude_deg(RANGE_RSUN, 30.0, 400.0))
-    knots = [len(fit_spiral(measured(truth, rng), errors(truth), 2).knots_rsun) for _ in range(8)]
-    assert knots.count(0) >= 6
+    knots = [len(fit_spiral(measured(truth, rng), errors(truth), 2).knots_rsun) for _ in range(4)]
+    assert knots.count(0) >= 3
 
 
 def test_only_the_retrograde_part_is_flagged() -> None:
