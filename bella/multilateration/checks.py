@@ -118,7 +118,8 @@ def late_clocks(grid: ArrivalGrid, check: ClockCheck, recipe: Recipe, none_late:
     """Noise in which one clock is late or none, each as likely as all arrival times of the burst say.
 
     Before the data a late clock and none are equally likely, with an offset of about `Thresholds.typical_offset_s`.
-    Components would be weighted by the arrival times of a frequency once more: their evidence there is taken off. Those
+    Components would be weighted by the arrival times of a frequency once more, so each has the weight that all other
+    frequencies give it: the evidence of a frequency is then that of its times given all others. Those
     that are less likely than `LEAST_LIKELY` are left out.
 
     Parameters
@@ -143,7 +144,8 @@ def late_clocks(grid: ArrivalGrid, check: ClockCheck, recipe: Recipe, none_late:
     log_weight = own.sum(axis=1) + occam
     log_weight = log_weight - np.logaddexp.reduce(log_weight)
     likely = log_weight > np.log(LEAST_LIKELY)
-    return LateClocks(late_s[likely], late_sd_s[likely], (log_weight[:, None] - own)[likely])
+    by_others = (log_weight[:, None] - own)[likely]
+    return LateClocks(late_s[likely], late_sd_s[likely], by_others - np.logaddexp.reduce(by_others, axis=0))
 
 
 def _fitted(

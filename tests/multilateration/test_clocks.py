@@ -113,6 +113,10 @@ def test_a_late_clock_is_as_likely_as_all_times_of_the_burst_say() -> None:
     expected = np.sum(whole, axis=1) + np.append(0.0, np.log(check.offset_sd_s / 20.0 / 5))
     found = clocks.log_weight + np.array(whole)
     np.testing.assert_allclose(found - found[0], (expected - expected[0])[:, None] + 0 * found, atol=2e-3)
+    # so the evidence of a frequency is that of its times given all others
+    without = np.logaddexp.reduce(expected[:, None] - np.array(whole), axis=0)
+    weighed = exact_posterior(grid, recipe, lambda _: None, clocks).moments.log_evidence
+    np.testing.assert_allclose(weighed, np.logaddexp.reduce(expected) - without, atol=1e-2)
 
 
 def test_positions_hold_where_a_clock_is_late() -> None:
