@@ -159,6 +159,7 @@ def _built_in_event() -> BurstInput:
         channels,
         origin=Origin.EVENT,
         collapsed=collapsed_of(timed_event(SHARED)),
+        is_timed=True,
     )
 
 

@@ -108,6 +108,7 @@ def test_built_in_event_names_its_inputs() -> None:
     assert given.spectra is not None
     assert set(given.spectra.children) == set(given.burst.observatories)
     assert len({source.sha256 for source in given.sources}) == len(given.sources) >= 3
+    assert given.is_timed, "its files make a new version, not the last digits of its times on another processor"
     channels = given.channel_arrivals["half_rise"]
     assert len(channels) == 104, "the joint fit takes the edges themselves, as for every burst found in spectra"
     assert channels["frequency_mhz"].nunique() > given.arrivals["half_rise"]["frequency_mhz"].nunique()
