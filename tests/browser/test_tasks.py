@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from playwright.sync_api import expect
+from playwright.sync_api import Route, expect
 
 from bella.catalogue import Catalogue
 from bella.pipeline.run import Run, process_submissions
@@ -105,3 +105,17 @@ def test_localise_a_table(watch: Watch, home: Settings) -> None:
     expect(page.locator("#answer")).to_contain_text("R☉")
     expect(page.locator("svg.constellation .dots circle").first).to_be_visible()
     watch.photograph("task-localised", full_page=True)
+
+
+def test_a_file_chosen_before_the_script_came_is_checked_too(watch: Watch) -> None:
+    held: list[Route] = []
+
+    def hold(route: Route) -> None:
+        held.append(route)
+
+    watch.page.route("**/submit.js*", hold)
+    watch.page.goto(f"{watch.address}/submit", wait_until="commit")
+    watch.page.locator("#file").set_input_files(TABLE)
+    assert held, "the script has not been asked for"
+    held[0].continue_()
+    expect(watch.page.locator("#next-title")).to_have_text("Nothing is wrong with this table")
