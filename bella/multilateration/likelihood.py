@@ -299,7 +299,7 @@ def survey(problems: Problems, points: FloatArray, lean: FloatArray | None) -> S
     for slope in slopes:
         white = _whitened(problems, slope)
         freed = g.freed(white)
-        root_slope.append(_product(freed, g.residual) / root)
+        root_slope.append(-_product(freed, g.residual) / root)
         information.append(_of(likeliest, _product(freed, white)))
     sharpness = np.sqrt(np.maximum(np.stack(information), 0))
     return Survey(log_density, misfit, log_det, distance, np.stack(root_slope), sharpness)

@@ -6,6 +6,7 @@ import pytest
 from bella.arrivals import ArrivalGrid
 from bella.multilateration import cells as cells_module
 from bella.multilateration.cells import divide
+from bella.multilateration.likelihood import survey
 from bella.multilateration.posterior import draw, moments_of
 from bella.multilateration.priors import PRESETS
 from bella.multilateration.problems import Problems, problems_of
@@ -113,3 +114,15 @@ def test_tails_of_bad_arrival_times_are_held(monkeypatch) -> None:
 
     np.testing.assert_allclose(usual.mean / sd_of(whole), whole.mean / sd_of(whole), atol=5e-4)
     np.testing.assert_allclose(sd_of(usual), sd_of(whole), rtol=5e-4)
+
+
+def test_the_root_of_the_misfit_changes_as_stated_next_to_its_least_too() -> None:
+    problem = one_poor_clock(3)
+    axis = np.linspace(-130, 130, 600)
+    points = np.stack(np.meshgrid(axis, axis)).reshape(2, -1)
+    points = points[:, np.argsort(survey(problem, points, None).misfit[0])[:30]]
+    stated = survey(problem, points, None)
+    assert stated.misfit.max() < 0.1
+    for along, step in enumerate(1e-3 * np.eye(2)[:, :, None]):
+        after, before = (np.sqrt(survey(problem, points + sign * step, None).misfit) for sign in (1, -1))
+        np.testing.assert_allclose(stated.root_slope[along], (after - before) / 2e-3, atol=1e-5)
