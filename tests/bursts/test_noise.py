@@ -237,6 +237,15 @@ def test_errors_that_last_along_the_band_are_an_offset_and_what_grows_beyond_it_
     np.testing.assert_allclose(columns["shape_sd_s"].reshape(3, 6) ** 2, beyond, rtol=0.02, atol=0.02)
 
 
+def test_errors_smoother_than_a_table_can_say_do_not_grow() -> None:
+    own, rows = np.array([1.0, 4.0, 9.0]), sharing(6, np.eye(3))
+    log_f = np.log(rows.frequency_mhz[:6])
+    smoother = np.exp(-0.5 * (np.subtract.outer(log_f, log_f) / 0.5) ** 2)
+    columns = noise_columns(replace(rows, correlated_s2=np.kron(np.diag(own), smoother)))
+    variance = sum(columns[name] ** 2 for name in ("sigma_s", "shape_sd_s", "offset_sd_s"))
+    np.testing.assert_allclose(variance - 0.05**2, np.repeat(own, 6), rtol=0.01)
+
+
 def test_times_between_sure_channels_are_sure_as_well() -> None:
     rows = at_frequencies(estimate_noise(made(np.random.default_rng(5), sd_s=0.05)), FREQUENCY_MHZ[5:-5])
     assert np.median(noise_columns(rows)["sigma_s"]) < 0.2
@@ -265,6 +274,18 @@ def test_a_smooth_error_is_followed_and_stated_rather_than_taken_away() -> None:
     )
     assert np.abs(rows.arrival_s[own] - expected).max() < 1.0
     assert (noise_columns(rows)["shape_sd_s"][own] >= 5.0).all()
+
+
+def test_a_time_in_a_hole_is_as_uncertain_as_densities_wave() -> None:
+    inside, pull = np.array([0.5]), []
+    for seed in range(8):
+        timed = made(np.random.default_rng(seed), sd_s=0.3)
+        beside = np.abs(np.log(timed.frequency_mhz / inside)) > 0.22
+        row = at_frequencies(timed.take(np.flatnonzero((timed.observatory == "WIND") & beside)), inside)
+        sigma_s = noise_columns(row)["sigma_s"]
+        assert 1.0 < sigma_s < 2.2  # ten times the waves that are expected give 2.9, a tenth 0.8
+        pull.append((row.arrival_s - truth_s(inside, 0)) / sigma_s)
+    assert 0.6 < np.sqrt(np.mean(np.square(pull))) < 1.6
 
 
 def test_thick_sets_of_channels_are_thinned() -> None:
