@@ -376,15 +376,15 @@ def _where(
         each = " or ".join(f"{_span(one.low, one.high)} ({one.probability:.0%})".replace("%", " %") for one in parts)
         return each if joint.tier == "final" else f"preliminary: {each}"
     if joint.phi0_deg.q50 is None:
-        return f"no track ({_why(joint.flags)})"
+        return no_track(joint.flags)
     why = "several tracks explain the times" if "several_tracks" in flags else "the times leave it open"
     return f"no single longitude ({why})" if joint.tier == "final" else "preliminary: longitude not known"
 
 
-def _why(flags: Sequence[str]) -> str:
-    """First reason, without what follows from it."""
+def no_track(flags: Sequence[str]) -> str:
+    """Words for a fit without a track: the first reason of its flags, without what follows from it."""
     said = next((FLAGS[flag] for flag in _WHY_NO_TRACK if flag in flags), "none was fitted").partition(":")[0]
-    return said[0].lower() + said[1:].rstrip(".")
+    return f"no track ({said[0].lower() + said[1:].rstrip('.')})"
 
 
 def _longitude_words(middle: float, low: float, high: float) -> str:

@@ -12,6 +12,7 @@ import numpy as np
 import pandas as pd
 import xarray as xr
 
+from bella.answer import no_track
 from bella.catalogue import SourceFile
 from bella.exceptions import InputError, NoDataError
 from bella.plotting import WindScene, wind_map_figure
@@ -132,7 +133,7 @@ def footpoint_of(fit: TrackFit, observatories: Iterable[str], around: Surroundin
         If nothing was fitted.
     """
     if not fit.draws:
-        raise NoDataError(f"there is no joint fit ({', '.join(fit.record.flags)}): add frequencies")
+        raise NoDataError(f"{no_track(fit.record.flags)}: add frequencies")
     phi0, utc = fit.draws["phi0_deg"], fit.reference_utc
     return footpoint_companion(phi0, utc, observatories, around.in_situ.at(utc), around.regions)
 

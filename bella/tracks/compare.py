@@ -6,6 +6,7 @@ from typing import Any
 import numpy as np
 from scipy.special import logsumexp
 
+from bella.answer import no_track
 from bella.arrivals import ArrivalGrid
 from bella.exceptions import InputError, NoDataError
 from bella.flags import DISAGREE_SD
@@ -90,7 +91,7 @@ def compare_models(fit: TrackFit, grid: ArrivalGrid, seed: int = 0) -> list[Mode
         If nothing was fitted.
     """
     if not fit.draws:
-        raise NoDataError(f"there is no track ({', '.join(fit.record.flags)}): add frequencies")
+        raise NoDataError(f"{no_track(fit.record.flags)}: add frequencies")
     fits = [fit]
     for model in models_of(fit, grid.frequency_mhz):
         likelihood = replace(fit.likelihood, track=Track(model, fit.track.band_mhz))
@@ -177,7 +178,7 @@ def fused_companion(
     if not there:
         raise InputError("there are neither wave directions nor a measured wind: the joint fit has the arrival times")
     if not fit.draws:
-        raise NoDataError(f"there is no track ({', '.join(fit.record.flags)}): add frequencies")
+        raise NoDataError(f"{no_track(fit.record.flags)}: add frequencies")
     everything = refit(fit, grid, _with(fit.likelihood, inside, wind), seed=seed)
     ingredients = []
     for name in there:

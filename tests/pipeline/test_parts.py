@@ -170,7 +170,7 @@ def test_what_cannot_be_computed_says_why_and_stops_nothing(located: Any) -> Non
     found = track["companions"]
     assert found["semp"] == {"flags": ["not_computed"], "reason": found["semp"]["reason"]}
     assert "at least 4" in found["semp"]["reason"]
-    assert "add frequencies" in found["footpoint"]["reason"]
+    assert "no track (fewer than four frequencies" in found["footpoint"]["reason"]
     assert found["piecewise"]["flags"] == ["too_few_positions"]
     assert found["density_excess"]["flags"] == []
 
