@@ -1,4 +1,4 @@
-"""Files as such, whole or damaged, whatever they hold: CDF and HDF5 read by a process of their own, gzip, times."""
+"""Files as such, whole or damaged, whatever they hold: gzip, times; CDF, HDF5 and Zarr by a process of their own."""
 
 from bella.containers.bounded import ANOTHER, INFLATED_BYTES, READER, check_hdf5, inflate, reading
 from bella.containers.cdf import (
@@ -14,6 +14,7 @@ from bella.containers.cdf import (
     utc_of_cdf_epoch16,
     utc_of_tt2000,
 )
+from bella.containers.zarr_store import zarr_groups
 
 __all__ = [
     "ANOTHER",
@@ -33,4 +34,5 @@ __all__ = [
     "utc_of_cdf_epoch",
     "utc_of_cdf_epoch16",
     "utc_of_tt2000",
+    "zarr_groups",
 ]

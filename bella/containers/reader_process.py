@@ -1,4 +1,4 @@
-"""Reads CDF and HDF5 files for another process: a script, run with little memory and time.
+"""Reads CDF, HDF5 and Zarr for another process: a script, run with little memory and time.
 
 A damaged file may claim records of exabytes, run in circles, or crash the library that reads it; nothing in Python can
 stop that from inside. Here it may happen: when this process ends, the other one says so and starts the next.
@@ -33,7 +33,7 @@ MOST_VALUES = 1 << 25
 GZIP_FACTOR, ROOM_BYTES = 1032, 1 << 20
 """Most that gzip packs into a byte (zlib's technical details); what a small file may claim beyond that."""
 
-LARGEST_HDF5_BYTES = 256 << 20
+LARGEST_PROBED_BYTES = 256 << 20
 GZIP = b"\x1f\x8b"
 VERSION_2 = (b"\xcd\xf2\x60\x02", b"\x00\x00\xff\xff")
 UNPACKED = b"\x00\x00\xff\xff"
@@ -213,7 +213,7 @@ def probe(path: str) -> None:
         for length in item.chunks or (0,):
             chunk *= int(length)
         claimed = max(item.nbytes, chunk)
-        if claimed > LARGEST_HDF5_BYTES:
+        if claimed > LARGEST_PROBED_BYTES:
             raise ValueError(f"variable {name!r} claims {claimed} bytes")
         for dimension in item.dims:
             len(dimension)
@@ -225,15 +225,77 @@ def probe(path: str) -> None:
         file.visititems(read)
 
 
+class ZarrReader:
+    """One open Zarr store at a time."""
+
+    def __init__(self) -> None:
+        self._path = ""
+        self._groups: dict[str, Any] = {}
+
+    def groups(self, path: str) -> dict[str, Any]:
+        """Attributes and variables of each group by its path, the root as an empty one."""
+        import xarray as xr  # noqa: PLC0415 - takes 0.5 s, and few files need it
+
+        tree = xr.open_datatree(path, engine="zarr", consolidated=False, decode_cf=False)
+        self._path = path
+        self._groups = {group.path.rstrip("/"): group.to_dataset(inherit=False) for group in tree.subtree}
+        return {
+            name: {
+                "attrs": _plain(group.attrs),
+                "variables": {key: self._described(variable) for key, variable in group.variables.items()},
+            }
+            for name, group in self._groups.items()
+        }
+
+    def values(self, path: str, group: str, name: str) -> np.ndarray | list[str]:
+        """All values of a variable; text as a list, and truth and times as whole numbers."""
+        if path != self._path:
+            self.groups(path)
+        variable = self._groups[group].variables[name]
+        described = self._described(variable)
+        claimed = max(variable.nbytes, variable.dtype.itemsize * math.prod(described["chunks"] or [0]))
+        if claimed > LARGEST_PROBED_BYTES:
+            raise ValueError(f"variable {name!r} claims {claimed} bytes")
+        values = variable.to_numpy()
+        if described["dtype"] == "O":
+            texts = [one.decode("latin-1") if isinstance(one, bytes) else str(one) for one in values.ravel()]
+            if sum(map(len, texts)) > LARGEST_PROBED_BYTES:
+                raise ValueError(f"variable {name!r} holds too much text")
+            return texts
+        values = np.ascontiguousarray(values, dtype=values.dtype.newbyteorder("="))
+        return values.view({"b": "u1", "M": "i8", "m": "i8"}.get(values.dtype.kind, values.dtype))
+
+    def _described(self, variable: Any) -> dict[str, Any]:
+        dtype = variable.dtype.newbyteorder("=").str if variable.dtype.kind in "iufcbMm" else "O"
+        chunks = variable.encoding.get("shards") or variable.encoding.get("chunks") or ()
+        return {
+            "dims": list(map(str, variable.dims)),
+            "shape": list(variable.shape),
+            "dtype": dtype,
+            "chunks": [int(size) for size in chunks],
+            "attrs": _plain(variable.attrs),
+        }
+
+
+def _plain(attributes: dict[Any, Any]) -> dict[str, Any]:
+    """Attributes as JSON has them."""
+    return {
+        str(name): value.tolist() if isinstance(value, np.ndarray | np.generic) else value
+        for name, value in attributes.items()
+    }
+
+
 def answers() -> Iterator[tuple[dict[str, Any], bytes | memoryview]]:
     """Answer to each request on the standard input."""
-    reader = Reader()
+    reader, stores = Reader(), ZarrReader()
     does: dict[str, Callable[..., Any]] = {
         "open": reader.open,
         "close": reader.close,
         "attribute": reader.attribute,
         "values": reader.values,
         "probe": probe,
+        "zarr_groups": stores.groups,
+        "zarr_values": stores.values,
     }
     for line in sys.stdin.buffer:
         request = json.loads(line)

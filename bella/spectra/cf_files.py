@@ -16,7 +16,7 @@ import numpy as np
 import numpy.typing as npt
 import xarray as xr
 
-from bella.containers import INFLATED_BYTES, MHZ, check_hdf5, reading
+from bella.containers import INFLATED_BYTES, MHZ, check_hdf5, reading, zarr_groups
 from bella.exceptions import InputError, require_extra
 from bella.records import Origin
 from bella.spacecraft import observatory_name
@@ -95,7 +95,7 @@ def open_cf(path: Path, engine: str) -> tuple[xr.Dataset, ...]:
             check_hdf5(path)
         elif engine == "zarr":
             require_extra("zarr")
-            check_zarr(path)
+            check_descriptions(path)
         with _decoding_times(path), _groups(path, engine) as groups:
             chosen = {
                 name: group for name, group in groups.items() if "intensity" in {_plain(one) for one in group.variables}
@@ -107,7 +107,7 @@ def open_cf(path: Path, engine: str) -> tuple[xr.Dataset, ...]:
             return tuple(as_spectrum(group, f"{path}{name}", path.name) for name, group in chosen.items())
 
 
-def check_zarr(path: Path) -> None:
+def check_descriptions(path: Path) -> None:
     """Hold the descriptions of a store against what a day of spectra can have.
 
     Parameters
@@ -149,8 +149,10 @@ def _groups(path: Path, engine: str) -> Iterator[dict[str, xr.Dataset]]:
         with xr.open_dataset(path, engine="scipy") as only:
             yield {"": only}
         return
-    options: dict[str, Any] = {"consolidated": False} if engine == "zarr" else {}  # which not every store is
-    with xr.open_datatree(path, engine=engine, **options) as tree:
+    if engine == "zarr":
+        yield zarr_groups(path)
+        return
+    with xr.open_datatree(path, engine=engine) as tree:
         yield {node.path.rstrip("/"): node.to_dataset(inherit=False) for node in tree.subtree}
 
 

@@ -19,8 +19,8 @@ from bella.containers import READER
 from tests.fuzz.damage import attempt, damaged_copies
 from tests.fuzz.kinds import KINDS
 
-LIMIT_S = 0.3
-"""Of the processor, for a file of a few kilobytes; the readers give it many times as much."""
+LIMIT_S = 1.5
+"""Of the processor, for a file of a few kilobytes and the imports of its library; the readers give it more."""
 
 
 def main(kind: str, number: int, seed: int, kept: Path) -> dict[str, object]:

@@ -412,3 +412,18 @@ def test_netcdf_cut_short_is_refused(
     path.write_bytes(content[: int(share * len(content))])
 
     assert attempt(path).message.startswith(f"{path} cannot be read as netCDF or Zarr")
+
+
+def test_chunks_that_lie_about_their_length_do_no_harm(tmp_path: Path, general: xr.Dataset) -> None:
+    path = tmp_path / "lies.zarr"
+    general.to_zarr(path, zarr_format=2, consolidated=False)
+    chunk = path / "intensity" / "0.0"
+    whole = chunk.read_bytes()
+    random, outcomes = np.random.default_rng(1), []
+    for unpacked, block, packed in random.choice([0, 1, 2**12, 2**20, 2**27, 2**31 - 1, 2**32 - 1], (60, 3)):
+        chunk.write_bytes(whole[:4] + struct.pack("<3I", unpacked, block, packed) + whole[16:])
+        outcomes.append(attempt(path))
+    chunk.write_bytes(whole)
+
+    assert not any(one.read for one in outcomes)
+    assert attempt(path).read
