@@ -62,6 +62,11 @@ CEILING_CHANNELS, CEILING_RATIO, CEILING_SHARE = 3, 2.0, 0.05
 level within such a share: too short for their cadence, their flat maxima are one or two samples.
 """
 
+SHORT, PAIRED, PAIRED_CHANNELS, PAIRED_SHARE = 2.0, 0.8, 5, 0.5
+"""Channels with fewer samples on the rise are too short to show that they are cut off. They are where, of those with
+more than the second number, so many and such a share have two neighbours at their maximum: of others less than 0.05.
+"""
+
 WIDTHS_BEFORE_PEAK = 1.0
 C0, C1, C2, C3, C4 = math.sqrt(6) / 4, -math.sqrt(3), -math.sqrt(6), 2 * math.sqrt(3) / 3, math.sqrt(6) / 3
 """Coefficients of the Hermite polynomials (van der Marel & Franx 1993)."""
@@ -243,31 +248,40 @@ def is_cut_off(time_s: FloatArray, power: FloatArray, top: int, rise_s: float) -
     return bool(flat_s.size >= FLAT_SAMPLES and flat_s[-1] - flat_s[0] >= FLAT_RISES * rise_s)
 
 
-def reach_ceiling(
-    frequency_mhz: FloatArray, power: FloatArray, cut_off: npt.NDArray[np.bool_]
+def cut_off_with_others(
+    frequency_mhz: FloatArray, power: FloatArray, samples_on_rise: FloatArray, flag: npt.NDArray[np.object_]
 ) -> npt.NDArray[np.bool_]:
-    """Channels whose maximum is at the level at which their neighbours were cut off.
+    """Channels of a spacecraft that were cut off, by what those beside them show.
 
     Parameters
     ----------
-    frequency_mhz : numpy.ndarray, shape (C,)
-        Ascending.
+    frequency_mhz, samples_on_rise : numpy.ndarray, shape (C,)
+        Ascending frequencies, and the half width of the rise in samples.
     power : numpy.ndarray, shape (N, C)
         NaN where there are no data.
-    cut_off : numpy.ndarray of bool, shape (C,)
-        Channels of which :func:`is_cut_off` holds.
+    flag : numpy.ndarray of str, shape (C,)
+        ``saturated`` where :func:`is_cut_off` holds, empty where nothing is wrong.
 
     Returns
     -------
     numpy.ndarray of bool, shape (C,)
-        Those of `cut_off` are among them.
+        Those that are flagged ``saturated`` already are among them.
     """
+    cut_off = flag == SATURATED
+    known = np.nan_to_num(power)
+    highest, top = known.max(axis=0), known.argmax(axis=0)
+    padded = np.pad(known, ((1, 1), (0, 0)))
+    column = np.arange(top.size)
+    beside = np.maximum(padded[top, column], padded[top + 2, column])
+    telling = (cut_off | (flag == "")) & (samples_on_rise >= PAIRED) & (samples_on_rise < SHORT)
+    paired = telling & (beside >= (1 - FLAT_SHARE) * highest)
+    if paired.sum() >= max(PAIRED_CHANNELS, PAIRED_SHARE * telling.sum()):
+        return np.asarray(cut_off | (samples_on_rise < SHORT))
     if cut_off.sum() < CEILING_CHANNELS:
-        return cut_off
-    highest = np.nan_to_num(power).max(axis=0)
-    known = np.log(frequency_mhz[cut_off])
-    away = np.abs(np.log(frequency_mhz)[:, None] - known).min(axis=1)
-    ceiling = np.interp(np.log(frequency_mhz), known, highest[cut_off])
+        return np.asarray(cut_off)
+    at = np.log(frequency_mhz[cut_off])
+    away = np.abs(np.log(frequency_mhz)[:, None] - at).min(axis=1)
+    ceiling = np.interp(np.log(frequency_mhz), at, highest[cut_off])
     return np.asarray(cut_off | ((away <= np.log(CEILING_RATIO)) & (np.abs(highest / ceiling - 1) <= CEILING_SHARE)))
 
 

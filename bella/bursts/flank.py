@@ -37,12 +37,12 @@ from bella.bursts.edges import (
     NO_SIGNAL,
     SATURATED,
     Edge,
+    cut_off_with_others,
     first_maximum,
     half_maximum_edge,
     is_cut_off,
     no_edge,
     quiet_noise,
-    reach_ceiling,
     spacing_s,
 )
 from bella.bursts.light_curves import LightCurves, RiseOfBurst, decay_s, own_rise
@@ -437,5 +437,6 @@ def flank_edges(  # noqa: PLR0913 - one light curve has as many parts
             Channel(*light_curve, float(rise[index]), float(decay[index]), float(means_s[index]), apart_s[known, index])
         )
     found = [_channel_edge(channel._replace(scatter=_scatter(channel))) for channel in channels]
-    cut_off = reach_ceiling(frequency_mhz, power, np.array([one.flag == SATURATED for one in found], dtype=bool))
+    flag = np.array([one.flag for one in found], dtype=object)
+    cut_off = cut_off_with_others(frequency_mhz, power, rise / cadence_s, flag)
     return [no_edge(SATURATED) if cut else one for one, cut in zip(found, cut_off, strict=True)]

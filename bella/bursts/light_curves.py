@@ -13,11 +13,11 @@ from bella.bursts.edges import (
     NO_SAMPLES,
     NO_SIGNAL,
     SATURATED,
+    cut_off_with_others,
     first_maximum,
     half_maximum_edge,
     is_cut_off,
     quiet_noise,
-    reach_ceiling,
     spacing_s,
 )
 from bella.heliosphere.scattering import rise_s
@@ -229,7 +229,7 @@ def first_guess(light: LightCurves, rises: RiseOfBurst) -> Start:
             flag[j] = NO_SIGNAL
         if not flag[j] and is_cut_off(time, power, top, float(rise[j])):
             flag[j] = SATURATED
-    flag[reach_ceiling(light.frequency_mhz, light.power, flag == SATURATED)] = SATURATED
+    flag[cut_off_with_others(light.frequency_mhz, light.power, rise / light.cadence_s, flag)] = SATURATED
     scale_s, good = np.hypot(rise, light.cadence_s), np.isfinite(half) & (flag == "")
     curve_s = _robust_curve(light.frequency_mhz, half, good, scale_s)
     known = np.flatnonzero(good)

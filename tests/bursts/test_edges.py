@@ -7,7 +7,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from bella.bursts import spectrum_edges
-from bella.bursts.edges import half_maximum_edge, reach_ceiling
+from bella.bursts.edges import cut_off_with_others, half_maximum_edge
 
 TIME_S = np.arange(0.0, 1200.0, 40.0)
 RISE_S, DECAY_S = 60.0, 150.0
@@ -146,12 +146,28 @@ def test_channels_that_were_not_measured_are_left_out(kind: type) -> None:
     assert spectrum_edges(marked, "half_maximum")["frequency_mhz"].tolist() == [0.5]
 
 
+def flags(cut_off: np.ndarray) -> np.ndarray:
+    return np.where(cut_off, "saturated", "").astype(object)
+
+
 def test_neighbours_of_cut_off_channels_are_cut_off_at_the_same_level_only() -> None:
-    frequency = np.array([0.2, 0.9, 1.0, 1.1, 1.2, 1.3])
+    frequency, many = np.array([0.2, 0.9, 1.0, 1.1, 1.2, 1.3]), np.full(6, 5.0)
     highest = np.array([100.0, 101.0, 100.0, 99.0, 70.0, 98.0])
     power = highest * np.array([[0.1], [1.0], [0.3]])
     power[0, 0] = np.nan
     cut_off = np.array([False, True, True, True, False, False])
-    assert reach_ceiling(frequency, power, cut_off).tolist() == [False, True, True, True, False, True]
+    found = cut_off_with_others(frequency, power, many, flags(cut_off))
+    assert found.tolist() == [False, True, True, True, False, True]
     few = cut_off & (frequency != 1.0)
-    assert (reach_ceiling(frequency, power, few) == few).all()
+    assert (cut_off_with_others(frequency, power, many, flags(few)) == few).all()
+
+
+@pytest.mark.parametrize(("pairs", "is_cut_off"), [(4, False), (5, True)])
+def test_short_channels_are_cut_off_where_most_that_can_tell_are(pairs: int, is_cut_off: bool) -> None:
+    frequency, samples_on_rise = np.geomspace(0.2, 2.0, 11), np.array([0.5, *np.linspace(0.85, 1.95, 9), 2.5])
+    power, whole = np.tile([[0.1], [0.6], [1.0], [0.8], [0.2]], 11), flags(np.zeros(11, dtype=bool))
+    power[3, 1 : 1 + pairs] = 1.0
+    found = cut_off_with_others(frequency, power, samples_on_rise, whole)
+    assert found.tolist() == [is_cut_off] * 10 + [False]
+    power[3] *= 0.99
+    assert not cut_off_with_others(frequency, power, samples_on_rise, whole).any()
