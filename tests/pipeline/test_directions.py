@@ -107,6 +107,14 @@ def test_spectra_without_a_record_of_the_burst_have_no_directions_and_end_nothin
     assert burst_directions(spectra, window, (0.3, 1.0)).empty
 
 
+def test_a_burst_is_passed_on_with_its_own_part_of_the_spectra(found: FoundDay) -> None:
+    whole = {str(one.attrs["observatory"]): one.sizes["time"] for one in found.spectra}
+    for one in found.bursts:
+        parts = {member.searched.observatory: member.searched.over.sizes["time"] for member in one.found.members}
+        assert all(bool(size) == bool(one.edges) and size < 0.3 * whole[name] for name, size in parts.items())
+        assert all(member.searched.grid.excess_db.size == 0 for member in one.found.members)
+
+
 def changed(found: FoundDay, change: Callable[[xr.Dataset], xr.Dataset]) -> FoundBurst:
     """The burst, with other spectra of what is the same in its detections."""
     (one,) = [one for one in found.bursts if one.edges and one.found.start_utc.hour == 16]
