@@ -4,6 +4,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from datetime import UTC, date, datetime, time, timedelta
+from pathlib import Path
 
 import numpy as np
 import pandas as pd
@@ -38,6 +39,7 @@ from bella.exceptions import BellaError, InputError, NoDataError, NotPlacedError
 from bella.flags import CATALOGUED, LOCALISABLE
 from bella.pipeline.day_files import DayFiles, check_content
 from bella.pipeline.inputs import BurstInput, aware, collapsed_of, origin_of
+from bella.pipeline.rows import all_bursts
 from bella.pipeline.tracks import burst_directions
 from bella.records import Origin, burst_name, is_named_for
 from bella.spacecraft import position_hee
@@ -243,7 +245,7 @@ def day_spectra(files: DayFiles) -> tuple[dict[str, xr.Dataset], tuple[str, ...]
     for path, source in zip(files.paths, files.sources, strict=True):
         wrong = check_content(path, source)
         try:
-            found += [] if wrong else open_spectra(path)
+            found += [] if wrong else _read(path)
         except BellaError as error:
             wrong = str(error)
         if wrong:
@@ -260,6 +262,15 @@ def day_spectra(files: DayFiles) -> tuple[dict[str, xr.Dataset], tuple[str, ...]
         said = f" ({'; '.join((*left_out, *unfit))})" if left_out or unfit else ""
         raise NoDataError(f"no file has a record of {files.day} that can be searched{said}: fetch the day again")
     return reaching, (*left_out, *unfit)
+
+
+def _read(path: Path) -> Sequence[xr.Dataset]:
+    """Spectra of a file; tried twice, as the process that reads it may have been killed for want of memory."""
+    try:
+        return open_spectra(path)
+    except BellaError as error:
+        log.warning("file read again", file=path.name, reason=str(error))
+        return open_spectra(path)
 
 
 def _brought_spectra(day: date, folder: UserFolder) -> tuple[dict[str, xr.Dataset], tuple[str, ...]]:
@@ -426,13 +437,7 @@ def known_bursts(catalogue: Catalogue, first: date, last: date) -> tuple[KnownBu
     # those of submissions are never refined; what was retracted keeps its id
     origins = frozenset(Origin) - {Origin.SUBMISSION}
     query = BurstQuery(start=start, stop=stop, limit=1000, origins=origins, with_retracted=True)
-    found: list[KnownBurst] = []
-    while True:
-        page = catalogue.bursts(query)
-        found += [(one.burst.burst_id, one.burst.start_utc) for one in page.bursts]
-        if page.next_cursor is None:
-            return tuple(found)
-        query = replace(query, cursor=page.next_cursor)
+    return tuple((one.burst.burst_id, one.burst.start_utc) for one in all_bursts(catalogue, query))
 
 
 def known_burst_ids(

@@ -107,6 +107,25 @@ def test_spectra_without_a_record_of_the_burst_have_no_directions_and_end_nothin
     assert burst_directions(spectra, window, (0.3, 1.0)).empty
 
 
+def test_wave_vectors_that_point_from_the_source_are_turned_towards_it(found: FoundDay, given: BurstInput) -> None:
+    (burst,) = [one for one in found.bursts if one.edges and one.found.start_utc.hour == 16]
+    spectra = [one.searched.over for one in burst.found.members]
+    assert given.directions is not None
+    start = burst.found.start_utc.to_datetime64()
+    window = (start - np.timedelta64(30, "m"), start + np.timedelta64(60, "m"))
+    band = (given.burst.f_low_mhz, given.burst.f_high_mhz)
+    towards = burst_directions(spectra, window, band)
+    away = burst_directions([reversed_waves(one) for one in spectra], window, band)
+    assert len(towards) > 20
+    pd.testing.assert_frame_equal(away, towards, rtol=1e-4)
+
+
+def reversed_waves(over: xr.Dataset) -> xr.Dataset:
+    """Spectra whose wave vectors have the opposite sign."""
+    turned = {name: (over[name] + 180.0) % 360.0 for name in over if str(name).startswith("wave_azimuth")}
+    return over.assign(turned | {name: 180.0 - over[name] for name in over if str(name).startswith("wave_colatitude")})
+
+
 def test_a_burst_is_passed_on_with_its_own_part_of_the_spectra(found: FoundDay) -> None:
     whole = {str(one.attrs["observatory"]): one.sizes["time"] for one in found.spectra}
     for one in found.bursts:

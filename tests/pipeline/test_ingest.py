@@ -6,7 +6,7 @@ import signal
 import socket
 import subprocess
 from collections.abc import Iterator
-from contextlib import ExitStack, closing
+from contextlib import ExitStack, closing, suppress
 from datetime import UTC, date, datetime, timedelta
 from functools import partial
 from pathlib import Path
@@ -20,7 +20,7 @@ from bella.archive import Manners, Received, find_datasets, mirror, open_archive
 from bella.catalogue import Catalogue, EventQuery, Freshness
 from bella.cli import app
 from bella.exceptions import InputError
-from bella.pipeline.ingest import EPHEMERIS, bring_up_to_date, pause
+from bella.pipeline.ingest import EPHEMERIS, Stopped, bring_up_to_date, follow, pause
 from bella.pipeline.linked_events import refresh_events
 from bella.settings import Settings
 from bella.spacecraft.ephemeris import read_nodes
@@ -240,6 +240,21 @@ def test_follow_survives_outages_and_ends_when_it_is_told_to(world: World, tmp_p
     assert "STEREO_LEVEL2_SWAVES" in known
     assert (world.settings.mirror_root / ".alive").is_file()
     assert "Traceback" not in (tmp_path / "log").read_text()
+
+
+def test_follow_ends_although_something_swallows_the_signal_and_leaves_the_handlers_as_they_were(world: World) -> None:
+    before, beats = signal.getsignal(signal.SIGTERM), []
+
+    def swallow() -> None:
+        for _ in range(2):  # whoever stops a service may do so twice
+            with suppress(Stopped):
+                signal.raise_signal(signal.SIGTERM)
+        beats.append(1)
+
+    follow(world.settings.model_copy(update={"recent_days": 0, "in_situ": None, "regions": None}), swallow)
+    assert beats
+    follow(world.settings, lambda: signal.raise_signal(signal.SIGINT))
+    assert signal.getsignal(signal.SIGTERM) == before
 
 
 def _closed_port() -> int:
