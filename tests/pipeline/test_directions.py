@@ -12,10 +12,11 @@ import pytest
 import xarray as xr
 
 from bella.arrivals import locate_receivers
+from bella.bursts.timing import burst_spectrum, time_burst
 from bella.catalogue import Series
 from bella.multilateration import localise
 from bella.pipeline.burst import BurstOutcome, Choice
-from bella.pipeline.day import FoundBurst, FoundDay, search_day, timed_burst
+from bella.pipeline.day import FoundBurst, FoundDay, _channel_tables, search_day, timed_burst
 from bella.pipeline.inputs import BurstInput
 from bella.pipeline.run import begin_found
 from bella.pipeline.surroundings import surroundings_of
@@ -132,6 +133,14 @@ def test_a_burst_is_passed_on_with_its_own_part_of_the_spectra(found: FoundDay) 
         parts = {member.searched.observatory: member.searched.over.sizes["time"] for member in one.found.members}
         assert all(bool(size) == bool(one.edges) and size < 0.3 * whole[name] for name, size in parts.items())
         assert all(member.searched.grid.excess_db.size == 0 for member in one.found.members)
+
+
+def test_an_edge_without_channels_is_fitted_by_its_table(found: FoundDay) -> None:
+    (burst,) = [one for one in found.bursts if one.edges and one.found.start_utc.hour == 16]
+    members = [member for member in burst.found.members if member.fits]
+    timed = time_burst([burst_spectrum(member.searched, member.candidate) for member in members], EDGE)
+    without = replace(timed, noise=timed.noise.take(np.arange(3)))
+    assert _channel_tables({EDGE: timed, "half_maximum": without}, members).keys() == {EDGE}
 
 
 def changed(found: FoundDay, change: Callable[[xr.Dataset], xr.Dataset]) -> FoundBurst:

@@ -251,8 +251,12 @@ def test_follow_ends_although_something_swallows_the_signal_and_leaves_the_handl
                 signal.raise_signal(signal.SIGTERM)
         beats.append(1)
 
-    follow(world.settings.model_copy(update={"recent_days": 0, "in_situ": None, "regions": None}), swallow)
-    assert beats
+    settings = world.settings.model_copy(update={"recent_days": 0, "in_situ": None, "regions": None})
+    follow(settings, swallow)
+    first = world.freshness()
+    follow(settings, swallow)  # nothing is due
+    follow(settings.model_copy(update={"recent_days": 1, "archive": "/nowhere"}), swallow)  # the round fails
+    assert (len(beats) >= 3, world.freshness()) == (True, first)
     follow(world.settings, lambda: signal.raise_signal(signal.SIGINT))
     assert signal.getsignal(signal.SIGTERM) == before
 
