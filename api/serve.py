@@ -55,12 +55,17 @@ class PhrasedProtocol(H11Protocol):
 HEAD_S, BODY_S = 10.0, 30.0
 """Longest time that a client may take to send the head of a request, and its body of at most a few MB."""
 
+READ_S = 120.0
+"""Longest time in which a client may take nothing of a reply that waits for it: a long one holds a connection to the
+database meanwhile. What is on its way is some MB at most, so that a client of 100 kB/s is never closed."""
+
 
 class TimedProtocol(PhrasedProtocol):
     """HTTP/1.1 that closes a connection whose client is too slow; uvicorn itself waits for ever."""
 
     _patience: asyncio.TimerHandle | None = None
     _waits_for = ""
+    _reading: asyncio.TimerHandle | None = None
 
     def connection_made(self, transport: asyncio.Transport) -> None:  # type: ignore[override]
         """Begin to wait for the head of a request."""
@@ -74,7 +79,22 @@ class TimedProtocol(PhrasedProtocol):
     def connection_lost(self, exc: Exception | None) -> None:
         """Stop to wait."""
         self._wait("", 0.0)
+        self._stop_reading_watch()
         super().connection_lost(exc)
+
+    def pause_writing(self) -> None:
+        """Begin to wait for a client that does not read what it asked for."""
+        super().pause_writing()
+        self._reading = self.loop.call_later(READ_S, self._close)
+
+    def resume_writing(self) -> None:
+        """Go on: the client has read."""
+        self._stop_reading_watch()
+        super().resume_writing()
+
+    def _stop_reading_watch(self) -> None:
+        if self._reading is not None:
+            self._reading.cancel()
 
     def data_received(self, data: bytes) -> None:
         """Take what came; what is still missing of head or body has until the end of its time."""

@@ -6,6 +6,8 @@ from pathlib import Path
 
 import structlog
 
+from bella.exceptions import StoreError
+
 
 def log_nothing() -> None:
     """Drop the logs, of a command that prints what matters itself; `log_to` keeps them from then on."""
@@ -21,10 +23,18 @@ def log_to(path: Path | None) -> None:
     ----------
     path : Path or None
         File to append to; its folder is made. None: standard error.
+
+    Raises
+    ------
+    StoreError
+        If the file cannot be written.
     """
-    if path is not None:
-        path.parent.mkdir(parents=True, exist_ok=True)
-    stream = sys.stderr if path is None else path.open("a", encoding="utf-8", buffering=1)
+    try:
+        if path is not None:
+            path.parent.mkdir(parents=True, exist_ok=True)
+        stream = sys.stderr if path is None else path.open("a", encoding="utf-8", buffering=1)
+    except OSError as error:
+        raise StoreError(f"{path} cannot be written ({error.strerror}): check the disk and its permissions") from error
     structlog.configure(
         processors=[
             structlog.contextvars.merge_contextvars,

@@ -67,7 +67,7 @@ class Settings(BaseSettings):
         description="Whether alerts may be sent to addresses on this machine and in private networks, and without TLS.",
     )
     webhook_timeout_s: PositiveFloat = Field(
-        default=10.0, description="Silence of a receiver of alerts after which it counts as away, s."
+        default=10.0, description="Time in which a receiver of alerts must have answered, or it counts as away, s."
     )
     lease_s: PositiveFloat = Field(
         default=300.0, description="Time after which a run that has shown no sign of life counts as dead, s."

@@ -255,9 +255,10 @@ def _detection(start: datetime, place: int, burst_id: str) -> dict[str, Any]:
 
 
 def _analyse(engine: Engine) -> None:
-    """Let the database learn how its tables are filled, as it does by itself in time."""
+    """Let the database tidy up and learn how its tables are filled, as it does by itself in time."""
+    tidy = "VACUUM ANALYZE" if engine.dialect.name == "postgresql" else "ANALYZE"
     with engine.connect().execution_options(isolation_level="AUTOCOMMIT") as connection:
-        connection.execute(text("ANALYZE"))
+        connection.execute(text(tidy))
 
 
 def _link_groups(store: Path, template: Path, burst_ids: tuple[str, ...]) -> None:

@@ -143,6 +143,8 @@ class Home:
         Faults that come next: each once, in a random order, then all again.
     workers : int
         Processes that a run computes with.
+    started : list of subprocess.Popen
+        All runs, for :meth:`end`.
     """
 
     path: Path
@@ -155,6 +157,7 @@ class Home:
     growth: list[tuple[int, int]] = field(default_factory=list)
     turn: list[str] = field(default_factory=list)
     workers: int = 1
+    started: "list[subprocess.Popen[bytes]]" = field(default_factory=list)
 
     @property
     def settings(self) -> Settings:
@@ -175,13 +178,15 @@ class Home:
         if self.services is not None:
             environment |= self.services.environment
         with (self.path.parent / "runs.log").open("ab") as log:
-            return subprocess.Popen(
+            process = subprocess.Popen(
                 [*command, "--archive", archive or str(self.archive), "--home", str(self.path)],
                 env=environment,
                 stdout=log,
                 stderr=log,
                 start_new_session=True,
             )
+        self.started.append(process)
+        return process
 
     def run(self, days: Sequence[date], archive: str | None = None) -> int:
         """Run the command to its end; its exit status."""
@@ -199,6 +204,14 @@ class Home:
             if self.run(days) == 0:
                 return
         raise RuntimeError(f"no run succeeds: see {self.path.parent / 'runs.log'}")
+
+    def end(self) -> None:
+        """Kill the runs that are still at work, as one is when the replay is stopped."""
+        for process in self.started:
+            if process.poll() is None:
+                with suppress(ProcessLookupError):
+                    os.killpg(process.pid, signal.SIGKILL)
+                process.wait()
 
     def met(self, fault: str) -> None:
         """Count a fault."""
@@ -505,6 +518,7 @@ def compare(plan: Plan, folder: Path, workers: int = 1) -> dict[str, Any]:
             if name == "disturbed":
                 stack.enter_context(small_disk(place / "bella-home"))
             homes.append(Home(place / "bella-home", place / "archive", workers=workers))
+            stack.callback(homes[-1].end)
             if name == "disturbed":
                 homes[-1].services = stack.enter_context(Services(homes[-1].path)).watch()
             replay(homes[-1], plan, steps, source, quiet=name == "quiet")

@@ -29,7 +29,7 @@ def native_day(folder: Path) -> Path:
     """One receiver with its wave angles at native cadence; noise, which does not compress."""
     random = np.random.default_rng(2)
     flux = random.gamma(2.0, 1e-20, (RECORDS, CHANNELS)).astype(np.float32)
-    angles = random.uniform(0.0, 180.0, flux.shape)
+    angles = {name: random.uniform(0.0, 180.0, flux.shape) for name in archive_files.WAVE_ANGLES}
     beside = archive_files.Beside(angles, np.cumsum(random.normal(0.0, 1e3, (RECORDS, 3)), axis=0) + 1.4e8)
     utc = DAY + np.arange(RECORDS) * np.timedelta64(38_820, "ms")
     path = folder / "sta_l3_wav_hfr_20120607_v01.cdf"

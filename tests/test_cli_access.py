@@ -1,6 +1,7 @@
 """Commands of the operator: tokens, webhooks, retractions, origins and pruning."""
 
 import json
+import shutil
 import zipfile
 from collections.abc import Callable
 from pathlib import Path
@@ -14,7 +15,9 @@ from bella.cli import app
 from bella.exceptions import BellaError
 from bella.records import Origin
 from bella.settings import Settings
+from bella.store.layout import STAGING
 from tests.api.published import publish_event, publish_many, published, settings_of, synthetic_burst
+from tests.pipeline.disks import small_disk_at
 from tests.plotting.synthetic import BURST_ID
 
 Command = Callable[..., Result]
@@ -223,6 +226,51 @@ def test_groups_of_older_versions_become_files_and_nothing_else_changes(bella: C
         assert open_group(settings.store_root, before[0].store_path, before[0].sha256).sizes["draw"] > 0
         swept = sweep(settings.store_root, catalogue.referenced_paths(), 0.0)
     assert set(swept) == {one.store_path.removesuffix(".zip") for one in before}
+
+
+def test_packing_goes_on_after_a_kill_and_after_a_damaged_folder_was_restored(
+    bella: Command, settings: Settings
+) -> None:
+    from bella.store import packed_folder, place_group
+
+    with Catalogue.open(settings.catalogue_url) as catalogue:
+        path = published(settings, catalogue).store_path
+        folder = path.removesuffix(".zip")
+        with zipfile.ZipFile(settings.store_root / path) as packed:
+            packed.extractall(settings.store_root / folder)
+        (settings.store_root / path).unlink()
+        catalogue.note_packed(path, folder)
+        part = max((settings.store_root / folder).rglob("c/**/*"), key=lambda one: one.is_file() and one.stat().st_size)
+        whole = part.read_bytes()
+        part.write_bytes(whole[:-5] + bytes(5))
+        fault = fault_of(bella("store", "pack"))
+        assert (fault.exit_code, "restore it from a backup" in str(fault)) == (1, True)
+        assert catalogue.stored_groups()[0].store_path == folder
+        part.write_bytes(whole)
+        place_group(packed_folder(settings.store_root, folder), settings.store_root, path)  # and then it was killed
+        assert "1 of 1 groups were folders" in bella("store", "pack").output
+        assert catalogue.stored_groups()[0].store_path == path
+    assert "1 groups in " in bella("store", "verify").output
+
+
+def test_pruning_on_a_full_disk_changes_nothing_and_goes_on_with_room(
+    bella: Command, settings: Settings, tmp_path: Path
+) -> None:
+    with Catalogue.open(settings.catalogue_url) as catalogue:
+        old = published(settings, catalogue)
+        published(settings, catalogue, inputs_hash="b" * 64)
+        staging = settings.store_root / STAGING
+        with small_disk_at(staging.with_name("full"), 8192) as full:
+            shutil.rmtree(staging)
+            staging.symlink_to(full)
+            fault = fault_of(bella("prune", "--older-than", "0d"))
+            assert (fault.exit_code, "No space left on device" in str(fault)) == (1, True)
+            kept = catalogue.solution(old.solution_id)
+            assert (kept.store_path, kept.pruned_utc) == (old.store_path, None)
+            assert list(full.iterdir()) == []
+            staging.unlink()
+        assert "1 superseded solutions lost their draws" in bella("prune", "--older-than", "0d").output
+        assert catalogue.solution(old.solution_id).pruned_utc is not None
 
 
 @pytest.mark.parametrize("text", ["", "180", "-1d", "1.5d", "for ever"])

@@ -1,11 +1,16 @@
 """The replay in short: faults leave the catalogue as it is in peace; and what they could break would be noticed."""
 
+import signal
+import subprocess
+import sys
+from contextlib import suppress
 from pathlib import Path
 
 import pytest
 
 from benchmarks import replay
 from benchmarks.replay import REVISED, Home, Plan, compare, is_clean, lay_out, releases, report, simulate
+from tests.waiting import until
 
 TWO = ("WI_H1_WAV", "STA_L3_WAV_LFR", "STA_L3_WAV_HFR")
 SHORT = Plan(days=1, kills=2, seed=10, duplicates=2, datasets=TWO, has_revisions=False)
@@ -45,3 +50,22 @@ def test_files_appear_in_the_order_of_their_latency_and_are_revised(tmp_path: Pa
 def test_replay_of_days_with_everything(tmp_path: Path) -> None:
     found = compare(Plan(days=2, kills=8, seed=5), tmp_path)
     assert is_clean(found), found
+
+
+def test_no_run_is_left_where_the_replay_is_stopped(tmp_path: Path) -> None:
+    options = ["--days", "1", "--kills", "0", "--dataset", "WI_H1_WAV", "--folder", str(tmp_path)]
+    with (tmp_path / "log").open("wb") as log:
+        stopped = subprocess.Popen([sys.executable, "-m", "benchmarks.replay", *options], stdout=log, stderr=log)
+    until(lambda: _running(f"{tmp_path}/quiet/bella-home"), "a run has begun")
+    stopped.send_signal(signal.SIGTERM)
+    assert stopped.wait(60) != 0
+    assert _running(str(tmp_path)) == []
+
+
+def _running(name: str) -> list[str]:
+    """Command lines of the processes that name it."""
+    found = []
+    for place in Path("/proc").glob("[0-9]*/cmdline"):
+        with suppress(OSError):
+            found.append(place.read_bytes().replace(b"\0", b" ").decode(errors="replace"))
+    return [one for one in found if name in one]

@@ -1,8 +1,10 @@
 """From the files of a day to its bursts: what was found, by which spacecraft, and when it arrived."""
 
 from collections.abc import Iterable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from datetime import UTC, date, datetime, time, timedelta
+from pathlib import Path
 
 import numpy as np
 import pandas as pd
@@ -37,6 +39,7 @@ from bella.exceptions import BellaError, InputError, NoDataError, NotPlacedError
 from bella.flags import CATALOGUED, LOCALISABLE
 from bella.pipeline.day_files import DayFiles, check_content
 from bella.pipeline.inputs import BurstInput, aware, collapsed_of, origin_of
+from bella.pipeline.rows import all_bursts
 from bella.pipeline.tracks import burst_directions
 from bella.records import Origin, burst_name, is_named_for
 from bella.spacecraft import position_hee
@@ -55,6 +58,9 @@ SAME_ACROSS_MIDNIGHT = timedelta(minutes=2)
 """The same for one of the day before or after: days are searched apart, so only the same minute or so counts."""
 
 SHOWN_BEFORE, SHOWN_AFTER = np.timedelta64(20, "m"), np.timedelta64(40, "m")
+SHOWN_OF_DAY = ("intensity", "noise_db", "interpolated")
+"""Variables of a spectrum that the figure of its day needs: processes pass on no others."""
+
 EDGES = (SHARED, HALF_RISE, "half_maximum")
 """Definitions of the edge with which a burst is timed."""
 
@@ -76,7 +82,7 @@ class FoundBurst:
     burst_id : str
         In the catalogue.
     found : AssociatedBurst
-        Under the name that it has in the detection table of the day.
+        Under the name that it has in the detection table of the day; of its spectra what :func:`timed_burst` needs.
     """
 
     burst_id: str
@@ -107,7 +113,7 @@ class FoundDay:
     Attributes
     ----------
     spectra : tuple of Dataset
-        Over their background, of each spacecraft that had data.
+        Over their background, of each spacecraft that had data; of their variables those of `SHOWN_OF_DAY`.
     bursts : tuple of FoundBurst
         That begin on the day.
     table : DataFrame
@@ -163,9 +169,28 @@ def search_day(files: DayFiles, known: Sequence[KnownBurst]) -> FoundDay:
     kept = table[inside | (table["burst_id"] != "")].reset_index(drop=True)
     origin = origin_of(spectra.values())
     names = known_burst_ids([one for one in known if is_named_for(one[0], origin)], bursts, origin)
-    found = tuple(FoundBurst(names[one.burst_id], one) for one in bursts)
+    found = tuple(_cut(FoundBurst(names[one.burst_id], one)) for one in bursts)
     number = sum(not one.not_searchable for one in searched)
-    return FoundDay(files, tuple(one.over for one in searched), found, kept, left_out, not_searchable, number)
+    shown = tuple(one.over[[name for name in SHOWN_OF_DAY if name in one.over]] for one in searched)
+    return FoundDay(files, shown, found, kept, left_out, not_searchable, number)
+
+
+def _cut(one: FoundBurst) -> FoundBurst:
+    """The burst, of its spectra no more than it is timed and shown by: a process passes on 4 MB in place of 60."""
+    start = one.found.start_utc.to_datetime64()
+    members = []
+    for member in one.found.members:
+        over, grid, match = member.searched.over, member.searched.grid, member.searched.match
+        times = [start - SHOWN_BEFORE, start + SHOWN_AFTER]
+        if one.edges and member.fits:
+            with suppress(NoDataError):  # it is raised again where the burst is timed
+                times += [*burst_spectrum(member.searched, member.candidate)["time"].to_numpy()[[0, -1]]]
+        # positions are interpolated between records
+        over = over.sel(time=slice(min(times) - BEFORE, max(times) + BEFORE)) if one.edges else over.isel(time=[])
+        grid = grid._replace(excess_db=grid.excess_db[:0])
+        match = match._replace(score=match.score[:, :0], hit=match.hit[:, :0])
+        members.append(replace(member, searched=member.searched._replace(over=over, grid=grid, match=match)))
+    return replace(one, found=replace(one.found, members=tuple(members)))
 
 
 def _searched(spectra: Mapping[str, xr.Dataset]) -> tuple[list[Searched], tuple[str, ...]]:
@@ -220,7 +245,7 @@ def day_spectra(files: DayFiles) -> tuple[dict[str, xr.Dataset], tuple[str, ...]
     for path, source in zip(files.paths, files.sources, strict=True):
         wrong = check_content(path, source)
         try:
-            found += [] if wrong else open_spectra(path)
+            found += [] if wrong else _read(path)
         except BellaError as error:
             wrong = str(error)
         if wrong:
@@ -237,6 +262,15 @@ def day_spectra(files: DayFiles) -> tuple[dict[str, xr.Dataset], tuple[str, ...]
         said = f" ({'; '.join((*left_out, *unfit))})" if left_out or unfit else ""
         raise NoDataError(f"no file has a record of {files.day} that can be searched{said}: fetch the day again")
     return reaching, (*left_out, *unfit)
+
+
+def _read(path: Path) -> Sequence[xr.Dataset]:
+    """Spectra of a file; tried twice, as the process that reads it may have been killed for want of memory."""
+    try:
+        return open_spectra(path)
+    except BellaError as error:
+        log.warning("file read again", file=path.name, reason=str(error))
+        return open_spectra(path)
 
 
 def _brought_spectra(day: date, folder: UserFolder) -> tuple[dict[str, xr.Dataset], tuple[str, ...]]:
@@ -403,13 +437,7 @@ def known_bursts(catalogue: Catalogue, first: date, last: date) -> tuple[KnownBu
     # those of submissions are never refined; what was retracted keeps its id
     origins = frozenset(Origin) - {Origin.SUBMISSION}
     query = BurstQuery(start=start, stop=stop, limit=1000, origins=origins, with_retracted=True)
-    found: list[KnownBurst] = []
-    while True:
-        page = catalogue.bursts(query)
-        found += [(one.burst.burst_id, one.burst.start_utc) for one in page.bursts]
-        if page.next_cursor is None:
-            return tuple(found)
-        query = replace(query, cursor=page.next_cursor)
+    return tuple((one.burst.burst_id, one.burst.start_utc) for one in all_bursts(catalogue, query))
 
 
 def known_burst_ids(

@@ -131,6 +131,7 @@ def pack(settings: Settings, advance: Callable[[int], None] = lambda _: None) ->
             if not (root / path).exists():  # a pack that was killed may have placed it
                 place_group(packed_folder(root, group.store_path), root, path)
             if damage := damage_of(replace(group, store_path=path), root):
+                (root / path).unlink()  # the folder counts, once it was restored
                 raise StoreError(damage)
             catalogue.note_packed(group.store_path, path)
             advance(1)

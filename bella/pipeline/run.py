@@ -51,7 +51,8 @@ log = structlog.get_logger(__name__)
 SEARCH = "search"
 NOT_SEARCHABLE = DayAnswer.NOT_SEARCHABLE
 CHUNK_DAYS = 8
-"""Days that are fetched before the first of them is processed: a long range shows results early."""
+"""Most days that are fetched before the first of them is processed; of a range the first comes alone, then two, then
+four, so that workers soon have something to do."""
 
 RETRY_DELAYS_S = (5.0, 30.0)
 """Waits before an error that may pass is tried again."""
@@ -198,8 +199,10 @@ def process_days(
 
 
 def _chunks(days: Sequence[date]) -> Iterator[Sequence[date]]:
-    for start in range(0, len(days), CHUNK_DAYS):
-        yield days[start : start + CHUNK_DAYS]
+    start, number = 0, 1
+    while start < len(days):
+        yield days[start : start + number]
+        start, number = start + number, min(2 * number, CHUNK_DAYS)
 
 
 def awaited(day: date, pending: Pending) -> DayOutcome:

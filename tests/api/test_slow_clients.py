@@ -1,15 +1,18 @@
 """Clients that send slowly do not keep the service from others: real sockets against the real server."""
 
+import asyncio
 import socket
 import threading
 import time
-from collections.abc import Iterator
-from contextlib import ExitStack, closing, suppress
+from collections.abc import AsyncIterator, Iterator
+from contextlib import ExitStack, closing, contextmanager, suppress
 from dataclasses import dataclass
 
 import httpx
 import pytest
 import uvicorn
+from starlette.responses import StreamingResponse
+from starlette.types import ASGIApp, Receive, Scope, Send
 
 from api import serve
 from api.app import create_app
@@ -37,13 +40,20 @@ def up(empty: Settings, monkeypatch: pytest.MonkeyPatch) -> Iterator[Up]:
     monkeypatch.setattr(serve, "HEAD_S", 0.8)
     monkeypatch.setattr(serve, "BODY_S", 0.8)
     monkeypatch.setattr(serve, "MOST_CONNECTIONS", 40)
+    with serving(create_app(empty)) as port:
+        yield Up(port)
+
+
+@contextmanager
+def serving(app: ASGIApp) -> Iterator[int]:
+    """Port at which the real server answers for an application."""
     port = free_port()
     options = serve.options() | {"timeout_keep_alive": 60}
-    server = uvicorn.Server(uvicorn.Config(create_app(empty), host="127.0.0.1", port=port, **options))
+    server = uvicorn.Server(uvicorn.Config(app, host="127.0.0.1", port=port, **options))
     thread = threading.Thread(target=server.run, daemon=True)
     thread.start()
     until(lambda: server.started, "server started")
-    yield Up(port)
+    yield port
     server.should_exit = True
     thread.join(30)
 
@@ -134,6 +144,36 @@ def test_a_head_without_end_is_refused(up: Up) -> None:
         with suppress(ConnectionError):
             assert greedy.recv(65536).startswith(b"HTTP/1.1 400")
     assert up.answers()
+
+
+def test_a_client_that_reads_nothing_of_its_reply_is_given_up_and_one_that_reads_is_not(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(serve, "READ_S", 0.5)
+    ended: list[str] = []
+
+    async def without_end(who: str) -> AsyncIterator[bytes]:
+        try:
+            while True:
+                yield bytes(60_000)
+                await asyncio.sleep(0.001)
+        finally:
+            ended.append(who)
+
+    async def app(scope: Scope, receive: Receive, send: Send) -> None:
+        if scope["type"] == "http":
+            await StreamingResponse(without_end(scope["path"]))(scope, receive, send)
+
+    with serving(app) as port, closing(Up(port).connect()) as reads, closing(Up(port).connect()) as waits:
+        for one, path in ((reads, b"/reads"), (waits, b"/waits")):
+            one.sendall(b"GET " + path + b" HTTP/1.1\r\nHost: x\r\n\r\n")
+        until(lambda: reads.recv(2**20) and ended, "one was given up", pause_s=0.0)
+        assert ended == ["/waits"]
+        for _ in range(100):
+            assert reads.recv(2**20)
+        with suppress(ConnectionError):
+            while waits.recv(2**20):  # what was on its way, and then the end of a connection that was cut
+                pass
 
 
 def test_replies_do_not_wait_for_acknowledgements_on_a_shared_socket(empty: Settings) -> None:

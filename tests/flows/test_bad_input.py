@@ -106,6 +106,12 @@ def test_read_only_home_is_one_line(sandbox: Sandbox, tmp_path: Path) -> None:
     assert "home" in one_line(done.stderr)
 
 
+def test_a_log_that_cannot_be_written_is_one_line(sandbox: Sandbox) -> None:
+    (sandbox.home / "logs" / "bella.log").mkdir(parents=True)  # as on a disk that became read-only, for root too
+    done = sandbox.here("run", code=1)
+    assert "bella.log cannot be written" in one_line(done.stderr)
+
+
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [

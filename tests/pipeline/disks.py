@@ -17,5 +17,7 @@ def small_disk_at(place: Path, size_bytes: int) -> Iterator[Path]:
     )
     if made.returncode:
         pytest.skip(f"no small file system can be mounted: {made.stderr.decode().strip()}")
-    yield place
-    subprocess.run(["umount", "-l", place], check=True)
+    try:
+        yield place
+    finally:
+        subprocess.run(["umount", "-l", place], check=True)

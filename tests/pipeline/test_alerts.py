@@ -9,7 +9,9 @@ import socket
 import subprocess
 import sys
 import threading
+import time
 from collections.abc import Callable, Iterator
+from contextlib import suppress
 from dataclasses import dataclass, field
 from datetime import UTC, datetime, timedelta
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
@@ -168,6 +170,30 @@ def test_nothing_is_listening(service: Service, tmp_path: Path) -> None:
     with Catalogue.open(service.settings.catalogue_url) as catalogue:
         assert [one.waiting for one in catalogue.webhooks()] == [0, 1, 1]
         assert all("ConnectError" in one.message for one in catalogue.webhooks()[1:])
+
+
+def test_a_receiver_that_answers_byte_by_byte_is_away_and_keeps_no_other_waiting(
+    service: Service, receiver: Receiver
+) -> None:
+    service.settings = service.settings.model_copy(update={"webhook_timeout_s": 0.5})
+    with socket.create_server(("127.0.0.1", 0)) as slow, Catalogue.open(service.settings.catalogue_url) as catalogue:
+        catalogue.remove_webhook(service.hook.webhook_id)
+        catalogue.add_webhook(f"http://127.0.0.1:{slow.getsockname()[1]}/hook")
+        catalogue.add_webhook(receiver.address)
+        threading.Thread(target=dribble, args=(slow,), daemon=True).start()
+        service.publish("h1")
+        assert service.deliver() == Delivered(taken=1, away=1)
+        assert [one.message for one in catalogue.webhooks()] == ["ReadTimeout: no answer within 0.5 s", ""]
+
+
+def dribble(server: socket.socket) -> None:
+    """Answer with a header that has no end, faster than any timeout between two bytes."""
+    connection, _ = server.accept()
+    with connection, suppress(OSError):
+        connection.sendall(b"HTTP/1.1 204 No Content\r\nX: ")
+        while True:
+            connection.sendall(b"y")
+            time.sleep(0.05)
 
 
 def test_a_refused_alert_holds_back_its_own_burst_alone(service: Service, receiver: Receiver) -> None:

@@ -12,10 +12,11 @@ import pytest
 import xarray as xr
 
 from bella.arrivals import locate_receivers
+from bella.bursts.timing import burst_spectrum, time_burst
 from bella.catalogue import Series
 from bella.multilateration import localise
 from bella.pipeline.burst import BurstOutcome, Choice
-from bella.pipeline.day import FoundBurst, FoundDay, search_day, timed_burst
+from bella.pipeline.day import FoundBurst, FoundDay, _channel_tables, search_day, timed_burst
 from bella.pipeline.inputs import BurstInput
 from bella.pipeline.run import begin_found
 from bella.pipeline.surroundings import surroundings_of
@@ -105,6 +106,41 @@ def test_spectra_without_a_record_of_the_burst_have_no_directions_and_end_nothin
     start = burst.found.start_utc.to_datetime64()
     window = (start - np.timedelta64(9, "D"), start - np.timedelta64(8, "D"))
     assert burst_directions(spectra, window, (0.3, 1.0)).empty
+
+
+def test_wave_vectors_that_point_from_the_source_are_turned_towards_it(found: FoundDay, given: BurstInput) -> None:
+    (burst,) = [one for one in found.bursts if one.edges and one.found.start_utc.hour == 16]
+    spectra = [one.searched.over for one in burst.found.members]
+    assert given.directions is not None
+    start = burst.found.start_utc.to_datetime64()
+    window = (start - np.timedelta64(30, "m"), start + np.timedelta64(60, "m"))
+    band = (given.burst.f_low_mhz, given.burst.f_high_mhz)
+    towards = burst_directions(spectra, window, band)
+    away = burst_directions([reversed_waves(one) for one in spectra], window, band)
+    assert len(towards) > 20
+    pd.testing.assert_frame_equal(away, towards, rtol=1e-4)
+
+
+def reversed_waves(over: xr.Dataset) -> xr.Dataset:
+    """Spectra whose wave vectors have the opposite sign."""
+    turned = {name: (over[name] + 180.0) % 360.0 for name in over if str(name).startswith("wave_azimuth")}
+    return over.assign(turned | {name: 180.0 - over[name] for name in over if str(name).startswith("wave_colatitude")})
+
+
+def test_a_burst_is_passed_on_with_its_own_part_of_the_spectra(found: FoundDay) -> None:
+    whole = {str(one.attrs["observatory"]): one.sizes["time"] for one in found.spectra}
+    for one in found.bursts:
+        parts = {member.searched.observatory: member.searched.over.sizes["time"] for member in one.found.members}
+        assert all(bool(size) == bool(one.edges) and size < 0.3 * whole[name] for name, size in parts.items())
+        assert all(member.searched.grid.excess_db.size == 0 for member in one.found.members)
+
+
+def test_an_edge_without_channels_is_fitted_by_its_table(found: FoundDay) -> None:
+    (burst,) = [one for one in found.bursts if one.edges and one.found.start_utc.hour == 16]
+    members = [member for member in burst.found.members if member.fits]
+    timed = time_burst([burst_spectrum(member.searched, member.candidate) for member in members], EDGE)
+    without = replace(timed, noise=timed.noise.take(np.arange(3)))
+    assert _channel_tables({EDGE: timed, "half_maximum": without}, members).keys() == {EDGE}
 
 
 def changed(found: FoundDay, change: Callable[[xr.Dataset], xr.Dataset]) -> FoundBurst:

@@ -16,15 +16,19 @@ from bella.archive import find_datasets
 from bella.arrivals import arrivals_csv
 from bella.bursts import half_maximum_arrivals
 from bella.catalogue import Catalogue, submission_name
+from bella.containers.bounded import ReaderProcess
 from bella.exceptions import BusyError, ConvergenceError, NotPlacedError, StoreError, UnreachableError
 from bella.pipeline.burst import SCIENCE_ERRORS, computed
+from bella.pipeline.day import day_spectra
 from bella.pipeline.day_files import Mirror
 from bella.pipeline.outcome import FAILED
 from bella.pipeline.run import Direct, Run, process_days, process_submissions
 from bella.pipeline.workers import Workers
 from bella.settings import Settings
+from bella.simulation.archive_days import simulate_days
 from tests.archive.server import cdf
 from tests.pipeline.disks import small_disk_at
+from tests.pipeline.examples import files_of
 
 DAY = date(2012, 6, 7)
 SIZE_BYTES = 24_000_000
@@ -137,6 +141,38 @@ def test_a_file_that_the_disk_does_not_give_is_a_failed_day(tmp_path: Path) -> N
         assert catalogue.searched_day(DAY) is None
         assert [(one.stage, one.state) for one in catalogue.stage_runs()] == [("search", "failed")]
     assert FAILED == "failed"
+
+
+def test_a_file_whose_reader_was_killed_is_read_again(tmp_path: Path) -> None:
+    """The process for damaged files may be killed for want of memory: that is no damage."""
+    written = simulate_days(tmp_path / "archive", [DAY], 1, ("WI_H1_WAV",))
+    assert written
+    files = files_of(DAY, sorted((tmp_path / "archive").rglob("*.cdf")))
+    whole, _ = day_spectra(files)
+    answer, kills = ReaderProcess._answer, [1]
+
+    def killed_once(self: ReaderProcess, process: "subprocess.Popen[bytes]", cpu_s: float) -> object:
+        if kills:
+            kills.pop()
+            process.kill()
+            process.wait()
+        return answer(self, process, cpu_s)
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(ReaderProcess, "_answer", killed_once)
+        again, left_out = day_spectra(files)
+    assert (not kills, left_out, again.keys()) == (True, (), whole.keys())
+
+
+def test_a_submission_that_was_changed_fails_once_and_says_why(tmp_path: Path) -> None:
+    settings = submitted(tmp_path / "home")
+    (table,) = settings.incoming_root.glob("*.csv")
+    table.write_text(table.read_text() + "\n")
+    assert process_submissions(run_of(settings)) == 0
+    with closing(Catalogue.open(settings.catalogue_url)) as catalogue:
+        assert catalogue.pending_submissions() == ()
+        done = catalogue.submission(table.stem)
+    assert (done.state, "was changed after it was submitted" in done.message) == ("failed", True)
 
 
 def test_a_submission_whose_burst_is_being_done_goes_on_waiting(tmp_path: Path) -> None:

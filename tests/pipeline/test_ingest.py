@@ -6,7 +6,7 @@ import signal
 import socket
 import subprocess
 from collections.abc import Iterator
-from contextlib import ExitStack, closing
+from contextlib import ExitStack, closing, suppress
 from datetime import UTC, date, datetime, timedelta
 from functools import partial
 from pathlib import Path
@@ -20,14 +20,14 @@ from bella.archive import Manners, Received, find_datasets, mirror, open_archive
 from bella.catalogue import Catalogue, EventQuery, Freshness
 from bella.cli import app
 from bella.exceptions import InputError
-from bella.pipeline.ingest import EPHEMERIS, bring_up_to_date, pause
+from bella.pipeline.ingest import EPHEMERIS, EPHEMERIS_EVERY, Stopped, bring_up_to_date, follow, pause
 from bella.pipeline.linked_events import refresh_events
 from bella.settings import Settings
 from bella.spacecraft.ephemeris import read_nodes
 from bella.spacecraft.horizons import HORIZONS_IDS
 from tests.archive.server import Server, body, cdf, cut_after, path_of, status, visible, whole_without_length
 from tests.commands import BELLA
-from tests.spacecraft.horizons_server import horizons, vectors
+from tests.spacecraft.horizons_server import SIGNATURE, horizons, vectors
 from tests.waiting import PATIENCE_S, until
 
 NOW = datetime(2026, 11, 28, 12, tzinfo=UTC)
@@ -196,17 +196,26 @@ def test_a_file_that_was_cut_on_the_disk_is_set_aside_and_fetched_anew(world: Wo
     assert "it has 1000 bytes" in held.with_name(f".{held.name}.damaged.txt").read_text()
 
 
-def test_a_wrong_answer_about_one_body_keeps_the_others(world: World) -> None:
+@pytest.mark.parametrize(
+    ("wrong", "state", "again"),
+    [
+        ((503, ""), ("silent", 1), timedelta(minutes=6)),
+        ((200, SIGNATURE + "No ephemeris for target after A.D. 2026"), ("no file yet", 0), EPHEMERIS_EVERY),
+    ],
+)
+def test_a_wrong_answer_about_one_body_keeps_the_others(
+    world: World, wrong: tuple[int, str], state: tuple[str, int], again: timedelta
+) -> None:
     def answer(query: dict[str, str]) -> tuple[int, str]:
-        return (503, "") if query["COMMAND"] == HORIZONS_IDS["STEREO-A"] else vectors(query)
+        return wrong if query["COMMAND"] == HORIZONS_IDS["STEREO-A"] else vectors(query)
 
     with horizons(answer) as (url, _):
         settings = world.settings.model_copy(update={"horizons_url": url})
         bring_up_to_date(settings, NOW)
     known = world.freshness()[EPHEMERIS]
-    assert (known.state, known.failures) == ("silent", 1)
+    assert (known.state, known.failures) == state
     assert "STEREO-A" not in read_nodes(_table(world))
-    bring_up_to_date(world.settings, NOW + timedelta(minutes=6))
+    bring_up_to_date(world.settings, NOW + again)
     assert world.freshness()[EPHEMERIS].state == "ok"
     assert "STEREO-A" in read_nodes(_table(world))
 
@@ -240,6 +249,25 @@ def test_follow_survives_outages_and_ends_when_it_is_told_to(world: World, tmp_p
     assert "STEREO_LEVEL2_SWAVES" in known
     assert (world.settings.mirror_root / ".alive").is_file()
     assert "Traceback" not in (tmp_path / "log").read_text()
+
+
+def test_follow_ends_although_something_swallows_the_signal_and_leaves_the_handlers_as_they_were(world: World) -> None:
+    before, beats = signal.getsignal(signal.SIGTERM), []
+
+    def swallow() -> None:
+        for _ in range(2):  # whoever stops a service may do so twice
+            with suppress(Stopped):
+                signal.raise_signal(signal.SIGTERM)
+        beats.append(1)
+
+    settings = world.settings.model_copy(update={"recent_days": 0, "in_situ": None, "regions": None})
+    follow(settings, swallow)
+    first = world.freshness()
+    follow(settings, swallow)  # nothing is due
+    follow(settings.model_copy(update={"recent_days": 1, "archive": "/nowhere"}), swallow)  # the round fails
+    assert (len(beats) >= 3, world.freshness()) == (True, first)
+    follow(world.settings, lambda: signal.raise_signal(signal.SIGINT))
+    assert signal.getsignal(signal.SIGTERM) == before
 
 
 def _closed_port() -> int:

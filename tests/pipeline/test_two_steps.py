@@ -8,11 +8,21 @@ from typing import Any
 
 import pandas as pd
 import pytest
+from sqlalchemy import text
 
 from bella.answer import answer_of, read_track
 from bella.catalogue import Catalogue, Solution
 from bella.exceptions import BusyError, StoreError
-from bella.pipeline.burst import PRELIMINARY, Begun, BurstOutcome, Choice, begin_burst, continue_burst, process_burst
+from bella.pipeline.burst import (
+    PRELIMINARY,
+    Begun,
+    BurstOutcome,
+    Choice,
+    begin_burst,
+    continue_burst,
+    preliminary_level,
+    process_burst,
+)
 from bella.pipeline.draw import Drawn, draw_burst, figure_paths
 from bella.pipeline.housekeeping import sweep_store
 from bella.pipeline.inputs import BurstInput
@@ -160,6 +170,27 @@ def test_a_preliminary_track_is_made_once_and_yields_to_a_final_one(given: Burst
     refused = process_burst(of_two(given), Choice(), settings, "late")
     assert refused.outcomes == ()
     assert refused.reason == f"two spacecraft give no more than {final.solution.solution_id}, which stands"
+
+
+def test_a_final_longitude_has_no_level_in_a_preliminary_track_of_an_older_version(
+    given: BurstInput, tmp_path: Path
+) -> None:
+    settings = settings_of(tmp_path)
+    (first,) = process_burst(of_two(given), Choice(), settings, "first").outcomes
+    known = read_track(first.track)
+    assert known is not None
+    longitude = known.joint.phi0_deg.model_copy(update={"q50": -20.0})
+    final = known.model_copy(update={"joint": known.joint.model_copy(update={"phi0_deg": longitude})})
+    with closing(Catalogue.open(settings.catalogue_url)) as catalogue:
+        burst_id = first.solution.burst_id
+        level = preliminary_level(catalogue, burst_id, final)
+        assert level is not None
+        assert (level.solution_id, level.phi0_deg) == (first.solution.solution_id, -20.0)
+        assert 0.0 < level.level < 1.0
+        assert preliminary_level(catalogue, "T3-20010101-0000", final) is None
+        with catalogue._engine.begin() as connection:
+            connection.execute(text("UPDATE track_fit SET fit = '{}'"))
+        assert preliminary_level(catalogue, burst_id, final) is None
 
 
 def test_figures_that_cannot_be_drawn_end_nothing_and_a_store_that_fails_is_the_disk(

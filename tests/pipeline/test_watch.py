@@ -1,6 +1,7 @@
 """Watch over the mirror: what came last is processed first, what failed again, what is done not at all."""
 
 import os
+import threading
 import time
 from collections.abc import Sequence
 from concurrent.futures import Future
@@ -233,6 +234,29 @@ def test_a_database_that_is_away_is_asked_again_until_the_time_is_over(
     with pytest.raises(BellaError):
         watch_days(run_of(wrong), Noted(), datetime.now(UTC) + DAY, DAY)
     assert not said
+
+
+def test_days_under_way_are_done_before_a_watch_ends_with_an_error(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(room, "LOOK_S", 0.01)
+    settings, executor = settings_of(tmp_path, recent_days=1), Noted(RUNNING)
+    today = datetime.now(UTC).date()
+    arrive(settings, today)
+    looked: list[date] = []
+    look = Watch._look
+
+    def then_fail(self: Watch, day: date) -> None:
+        looked.append(day)
+        if len(looked) > 1:
+            threading.Timer(0.1, executor.running[today].set_result, [DayOutcome(today, SEARCHED)]).start()
+            raise InputError("the catalogue is newer")
+        look(self, day)
+
+    monkeypatch.setattr(Watch, "_look", then_fail)
+    with pytest.raises(InputError, match="is newer"):
+        watch_days(run_of(settings), executor, datetime.now(UTC) + DAY, DAY)
+    assert executor.running[today].done()
 
 
 def test_what_is_there_is_looked_at_even_where_no_time_is_left(tmp_path: Path) -> None:
