@@ -112,11 +112,15 @@ def assert_track_holds(track: dict[str, Any], case: SimulatedCase) -> None:
 
 def test_what_is_answered_holds_the_truth(bad: Files, tmp_path: Path) -> None:
     table, places, track = bad.timed(), tmp_path / "places.csv", tmp_path / "track.json"
-    for command, output in (("localise", places), ("fit-track", track)):
-        done = bella(command, str(table), "--output", str(output))
-        assert done.exit_code == 0, done.output
-    assert_places_hold(places, bad.case)
+    done = bella("fit-track", str(table), "--output", str(track))
+    assert done.exit_code == 0, done.output
     assert_track_holds(json.loads(track.read_text()), bad.case)
+    done = bella("localise", str(table), "--output", str(places))
+    if done.exit_code:  # the receiver of a spacecraft was cut off in all its channels
+        assert bad.case.stratum == "clipped"
+        assert "timing needs 3 or more spacecraft" in str(done.exception)
+    else:
+        assert_places_hold(places, bad.case)
 
 
 @pytest.mark.parametrize("case", SATURATED, ids=lambda one: " ".join(map(str, one)))
