@@ -2,6 +2,7 @@
 wrong one."""
 
 import json
+import re
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -112,14 +113,15 @@ def assert_track_holds(track: dict[str, Any], case: SimulatedCase) -> None:
 
 def test_what_is_answered_holds_the_truth(bad: Files, tmp_path: Path) -> None:
     table, places, track = bad.timed(), tmp_path / "places.csv", tmp_path / "track.json"
-    done = bella("fit-track", str(table), "--output", str(track))
-    assert done.exit_code == 0, done.output
-    assert_track_holds(json.loads(track.read_text()), bad.case)
-    done = bella("localise", str(table), "--output", str(places))
-    if done.exit_code:  # the receiver of a spacecraft was cut off in all its channels
-        assert bad.case.stratum == "clipped"
-        assert "timing needs 3 or more spacecraft" in str(done.exception)
-    else:
+    refused = "timing needs 3 or more spacecraft|no source explains the arrival times"
+    for command, output in (("fit-track", track), ("localise", places)):
+        done = bella(command, str(table), "--output", str(output))
+        if done.exit_code:  # a spacecraft has no times where its receiver was cut off in all channels
+            assert bad.case.stratum == "clipped", done.exception
+            assert re.search(refused, str(done.exception))
+    if track.exists():
+        assert_track_holds(json.loads(track.read_text()), bad.case)
+    if places.exists():
         assert_places_hold(places, bad.case)
 
 
