@@ -19,6 +19,7 @@ from api.tables import (
     JSON,
     EventTableFilter,
     asked_format,
+    in_all_formats,
     next_address,
     table_of_rows,
     table_reply,
@@ -29,7 +30,7 @@ from bella.pipeline.rows import event_rows
 router = APIRouter(prefix="/api/v1", tags=["events"])
 
 
-@router.get("/events", response_model=EventsReply)
+@router.get("/events", response_model=EventsReply, responses=in_all_formats("One page of events.", EventsReply))
 def events(
     request: Request, response: Response, catalogue: CatalogueHere, wanted: Annotated[EventTableFilter, Query()]
 ) -> EventsReply | Response:
