@@ -2,6 +2,7 @@
 wrong one."""
 
 import json
+import re
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -112,11 +113,16 @@ def assert_track_holds(track: dict[str, Any], case: SimulatedCase) -> None:
 
 def test_what_is_answered_holds_the_truth(bad: Files, tmp_path: Path) -> None:
     table, places, track = bad.timed(), tmp_path / "places.csv", tmp_path / "track.json"
-    for command, output in (("localise", places), ("fit-track", track)):
+    refused = "timing needs 3 or more spacecraft|no source explains the arrival times"
+    for command, output in (("fit-track", track), ("localise", places)):
         done = bella(command, str(table), "--output", str(output))
-        assert done.exit_code == 0, done.output
-    assert_places_hold(places, bad.case)
-    assert_track_holds(json.loads(track.read_text()), bad.case)
+        if done.exit_code:  # a spacecraft has no times where its receiver was cut off in all channels
+            assert bad.case.stratum == "clipped", done.exception
+            assert re.search(refused, str(done.exception))
+    if track.exists():
+        assert_track_holds(json.loads(track.read_text()), bad.case)
+    if places.exists():
+        assert_places_hold(places, bad.case)
 
 
 @pytest.mark.parametrize("case", SATURATED, ids=lambda one: " ".join(map(str, one)))

@@ -62,9 +62,10 @@ CEILING_CHANNELS, CEILING_RATIO, CEILING_SHARE = 3, 2.0, 0.05
 level within such a share: too short for their cadence, their flat maxima are one or two samples.
 """
 
-SHORT, PAIRED, PAIRED_CHANNELS, PAIRED_SHARE = 2.0, 0.8, 5, 0.5
-"""Channels with fewer samples on the rise are too short to show that they are cut off. They are where, of those with
-more than the second number, so many and such a share have two neighbours at their maximum: of others less than 0.05.
+SHORT, PAIRED, PAIRED_CHANNELS, NEAREST_CHANNELS, PAIRED_SHARE = 2.0, 0.8, 5, 5, 0.4
+"""Channels with fewer samples on the rise than the first number are too short to show that they are cut off. They are
+where, of those with more than the second, so many have two neighbours at their maximum, and such a share of so many
+that are nearest in frequency: of channels that are not cut off, less than 0.05 have.
 """
 
 WIDTHS_BEFORE_PEAK = 1.0
@@ -275,8 +276,10 @@ def cut_off_with_others(
     beside = np.maximum(padded[top, column], padded[top + 2, column])
     telling = (cut_off | (flag == "")) & (samples_on_rise >= PAIRED) & (samples_on_rise < SHORT)
     paired = telling & (beside >= (1 - FLAT_SHARE) * highest)
-    if paired.sum() >= max(PAIRED_CHANNELS, PAIRED_SHARE * telling.sum()):
-        return np.asarray(cut_off | (samples_on_rise < SHORT))
+    if paired.sum() >= PAIRED_CHANNELS:
+        apart = np.abs(np.subtract.outer(np.log(frequency_mhz), np.log(frequency_mhz[telling])))
+        nearest = np.argsort(apart, axis=1, kind="stable")[:, :NEAREST_CHANNELS]
+        cut_off = cut_off | ((samples_on_rise < SHORT) & (paired[telling][nearest].mean(axis=1) >= PAIRED_SHARE))
     if cut_off.sum() < CEILING_CHANNELS:
         return np.asarray(cut_off)
     at = np.log(frequency_mhz[cut_off])

@@ -253,6 +253,7 @@ def test_follow_survives_outages_and_ends_when_it_is_told_to(world: World, tmp_p
 
 def test_follow_ends_although_something_swallows_the_signal_and_leaves_the_handlers_as_they_were(world: World) -> None:
     before, beats = signal.getsignal(signal.SIGTERM), []
+    signal.set_wakeup_fd(-1)  # an event loop of another test may have left its own, closed
 
     def swallow() -> None:
         for _ in range(2):  # whoever stops a service may do so twice
