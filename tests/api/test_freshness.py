@@ -48,6 +48,7 @@ def test_who_has_it_already_is_told_so(client: TestClient, address: str, method:
     again = client.request(method, address, headers={"If-None-Match": f'"other", {tag}'})
     assert (again.status_code, again.content) == (304, b"")
     assert again.headers["etag"] == tag
+    assert client.request(method, address, headers={"If-None-Match": "*"}).status_code == 304
     assert client.request(method, address, headers={"If-None-Match": '"other"'}).status_code == 200
 
 
