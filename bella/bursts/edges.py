@@ -63,9 +63,10 @@ level within such a share: too short for their cadence, their flat maxima are on
 """
 
 SHORT, PAIRED, PAIRED_CHANNELS, NEAREST_CHANNELS, PAIRED_SHARE = 2.0, 0.8, 5, 5, 0.4
-"""Channels with fewer samples on the rise than the first number are too short to show that they are cut off. They are
-where, of those with more than the second, so many have two neighbours at their maximum, and such a share of so many
-that are nearest in frequency: of channels that are not cut off, less than 0.05 have.
+"""A channel with fewer samples on the rise than the first number is too short to show that it is cut off; with more
+than the second it can have two equal samples at its maximum, which 0.01 of those that are not cut off have (14 of 1429
+channels, recorded and simulated). Where so many of a spacecraft have, short channels are cut off for which such a share
+of so many nearest in frequency has.
 """
 
 WIDTHS_BEFORE_PEAK = 1.0

@@ -171,3 +171,27 @@ def test_short_channels_are_cut_off_where_most_that_can_tell_are(pairs: int, is_
     assert found.tolist() == [is_cut_off] * 10 + [False]
     power[3] *= 0.99
     assert not cut_off_with_others(frequency, power, samples_on_rise, whole).any()
+
+
+def test_short_channels_are_judged_by_those_nearest_in_frequency() -> None:
+    pairs = [1, 1, 1, 0, 1, 1, 0, 0, 1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 0, 0]
+    power = np.tile([[0.1], [0.6], [1.0], [0.8], [0.2]], len(pairs))
+    power[3, np.array(pairs) == 1] = 1.0
+    power *= 0.8 ** np.arange(len(pairs))  # none at the level of another
+    samples_on_rise = np.where(np.arange(len(pairs)) == 1, 0.3, 1.0)  # too short to tell anything itself
+    found = cut_off_with_others(
+        np.geomspace(0.2, 2.0, len(pairs)), power, samples_on_rise, flags(np.zeros(len(pairs), dtype=bool))
+    )
+    assert found.tolist() == [True] * 8 + [False] * 12
+
+
+@pytest.mark.parametrize(
+    ("one", "last", "cut"),
+    [(0.9, 1.9, [True] * 6), (0.7, 1.9, [False] * 6), (0.9, 2.1, [True] * 5 + [False])],
+)
+def test_who_can_tell_of_being_cut_off_and_who_cannot(one: float, last: float, cut: list[bool]) -> None:
+    power = np.tile([[0.1], [0.6], [1.0], [1.0], [0.2]], 6) * 0.8 ** np.arange(6)
+    power[3, 5] *= 0.8
+    samples_on_rise = np.array([one, 1.0, 1.0, 1.0, 1.0, last])
+    whole = flags(np.zeros(6, dtype=bool))
+    assert cut_off_with_others(np.geomspace(0.2, 2.0, 6), power, samples_on_rise, whole).tolist() == cut
