@@ -23,7 +23,7 @@ from typing import Any
 
 import numpy as np
 
-from bella.exceptions import BellaError, InputError
+from bella.exceptions import BellaError, InputError, WorkerLostError
 from bella.threads import ONE_THREAD
 
 SCRIPT = Path(__file__).with_name("reader_process.py")
@@ -38,6 +38,7 @@ INFLATED_BYTES = 256 << 20
 """Most that one file may hold once decompressed; a day at native cadence holds less than half."""
 
 LARGEST_ANSWER_BYTES = 1 << 30
+KILLED = "the process that reads files was killed, perhaps for want of memory: try again"
 ANOTHER = "take another version of the file"
 """What to do about a file that is whole, but not as its product is."""
 
@@ -99,8 +100,13 @@ class ReaderProcess:
         ------
         ValueError
             With the reason where the file cannot be read, or not within the limits.
+        WorkerLostError
+            If somebody killed the process: the file may be whole.
         """
         with self.lock:
+            if self._was_killed():
+                self.stop()  # with it went the file that was open
+                raise WorkerLostError(KILLED)
             process = self._running()
             request = json.dumps({"do": do, "of": of, "cpu_s": cpu_s}).encode() + b"\n"
             try:
@@ -108,7 +114,7 @@ class ReaderProcess:
                 process.stdin.flush()  # type: ignore[union-attr]
                 return self._answer(process, cpu_s)
             except (OSError, EOFError, json.JSONDecodeError):
-                raise ValueError(self._why_ended(cpu_s)) from None
+                raise self._why_ended(cpu_s) from None
 
     def stop(self) -> None:
         """End the process."""
@@ -116,6 +122,10 @@ class ReaderProcess:
         if process is not None and self._owner == os.getpid():
             process.kill()
             process.communicate()
+
+    def _was_killed(self) -> bool:
+        is_mine = self._process is not None and self._owner == os.getpid()
+        return is_mine and self._process.poll() == -signal.SIGKILL  # type: ignore[union-attr]
 
     def _running(self) -> "subprocess.Popen[bytes]":
         is_mine = self._owner == os.getpid()  # after a fork the process belongs to the parent
@@ -151,16 +161,19 @@ class ReaderProcess:
             left = left[count:]
         return values
 
-    def _why_ended(self, cpu_s: float) -> str:
+    def _why_ended(self, cpu_s: float) -> Exception:
         process = self._process
         try:
             code = process.wait(1.0) if process is not None else 0
         except subprocess.TimeoutExpired:
             code = 0
         self.stop()
+        if code == -signal.SIGKILL:
+            return WorkerLostError(KILLED)
+        hangs = "the library that reads it hangs or crashes on it"
         if code in {0, -signal.SIGPROF}:
-            return f"the library that reads it hangs or crashes on it: it does not end within {cpu_s:g} s"
-        return f"the library that reads it hangs or crashes on it, signal {-code}"
+            return ValueError(f"{hangs}: it does not end within {cpu_s:g} s")
+        return ValueError(f"{hangs}, signal {-code}")
 
 
 READER = ReaderProcess()

@@ -4,7 +4,6 @@ from collections.abc import Iterable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from datetime import UTC, date, datetime, time, timedelta
-from pathlib import Path
 
 import numpy as np
 import pandas as pd
@@ -237,6 +236,8 @@ def day_spectra(files: DayFiles) -> tuple[dict[str, xr.Dataset], tuple[str, ...]
         If no file could be read, or none has a record of the day.
     StoreError
         If the mirror cannot be read.
+    WorkerLostError
+        If the process that reads files was killed.
     """
     if files.folder is not None:
         return _brought_spectra(files.day, files.folder)
@@ -245,8 +246,10 @@ def day_spectra(files: DayFiles) -> tuple[dict[str, xr.Dataset], tuple[str, ...]
     for path, source in zip(files.paths, files.sources, strict=True):
         wrong = check_content(path, source)
         try:
-            found += [] if wrong else _read(path)
+            found += [] if wrong else open_spectra(path)
         except BellaError as error:
+            if error.retriable:
+                raise
             wrong = str(error)
         if wrong:
             log.warning("file left out", file=path.name, reason=wrong)
@@ -262,15 +265,6 @@ def day_spectra(files: DayFiles) -> tuple[dict[str, xr.Dataset], tuple[str, ...]
         said = f" ({'; '.join((*left_out, *unfit))})" if left_out or unfit else ""
         raise NoDataError(f"no file has a record of {files.day} that can be searched{said}: fetch the day again")
     return reaching, (*left_out, *unfit)
-
-
-def _read(path: Path) -> Sequence[xr.Dataset]:
-    """Spectra of a file; tried twice, as the process that reads it may have been killed for want of memory."""
-    try:
-        return open_spectra(path)
-    except BellaError as error:
-        log.warning("file read again", file=path.name, reason=str(error))
-        return open_spectra(path)
 
 
 def _brought_spectra(day: date, folder: UserFolder) -> tuple[dict[str, xr.Dataset], tuple[str, ...]]:

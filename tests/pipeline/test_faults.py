@@ -17,7 +17,7 @@ from bella.arrivals import arrivals_csv
 from bella.bursts import half_maximum_arrivals
 from bella.catalogue import Catalogue, submission_name
 from bella.containers.bounded import ReaderProcess
-from bella.exceptions import BusyError, ConvergenceError, NotPlacedError, StoreError, UnreachableError
+from bella.exceptions import BusyError, ConvergenceError, NotPlacedError, StoreError, UnreachableError, WorkerLostError
 from bella.pipeline.burst import SCIENCE_ERRORS, computed
 from bella.pipeline.day import day_spectra
 from bella.pipeline.day_files import Mirror
@@ -160,7 +160,11 @@ def test_a_file_whose_reader_was_killed_is_read_again(tmp_path: Path) -> None:
 
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(ReaderProcess, "_answer", killed_once)
-        again, left_out = day_spectra(files)
+        with pytest.raises(WorkerLostError):  # nothing is recorded of the day
+            day_spectra(files)
+        kills.append(1)
+        with Direct(1, sleep=lambda _: None) as executor:
+            again, left_out = executor.tried(day_spectra, files)
     assert (not kills, left_out, again.keys()) == (True, (), whole.keys())
 
 
