@@ -14,7 +14,7 @@ from bella.containers.cdf import (
     utc_of_cdf_epoch16,
     utc_of_tt2000,
 )
-from bella.containers.zarr_store import zarr_groups
+from bella.containers.zarr_store import is_zarr, zarr_groups
 
 __all__ = [
     "ANOTHER",
@@ -29,6 +29,7 @@ __all__ = [
     "check_hdf5",
     "in_mhz",
     "inflate",
+    "is_zarr",
     "open_cdf",
     "reading",
     "utc_of_cdf_epoch",

@@ -13,6 +13,18 @@ from xarray.core.indexing import ExplicitIndexer, IndexingSupport, LazilyIndexed
 
 from bella.containers.bounded import CPU_S_PER_MB, LEAST_CPU_S, READER
 
+MARKS = ("zarr.json", ".zgroup", ".zmetadata")
+"""Files of which a Zarr store has at least one."""
+
+DESCRIPTIONS = (*MARKS, ".zarray", ".zattrs")
+DESCRIPTION_BYTES, STORED_FILES = 1 << 20, 100_000
+"""Most that a day of spectra needs: bytes of one description, and files."""
+
+
+def is_zarr(path: Path) -> bool:
+    """Whether a folder is a Zarr store."""
+    return path.is_dir() and any((path / mark).is_file() for mark in MARKS)
+
 
 def zarr_groups(path: Path) -> dict[str, xr.Dataset]:
     """Groups of a Zarr store by their path, the root as an empty one; values are read when they are asked for.
@@ -25,11 +37,24 @@ def zarr_groups(path: Path) -> dict[str, xr.Dataset]:
     Raises
     ------
     ValueError
-        If it cannot be read, or not in bounded time and memory; when values are asked for, too.
+        If a description is too large, the store has too many files, or it cannot be read in bounded time and memory;
+        when values are asked for, too.
     """
-    cpu_s = LEAST_CPU_S + CPU_S_PER_MB * sum(file.stat().st_size for file in path.rglob("*")) / 1e6
+    cpu_s = LEAST_CPU_S + CPU_S_PER_MB * _checked_bytes(path) / 1e6
     groups = READER.ask("zarr_groups", str(path.absolute()), cpu_s=cpu_s)
     return {name: xr.decode_cf(_described(path, name, found, cpu_s)) for name, found in groups.items()}
+
+
+def _checked_bytes(path: Path) -> int:
+    total = 0
+    for number, file in enumerate(path.rglob("*")):
+        if number > STORED_FILES:
+            raise ValueError(f"it has more than {STORED_FILES} files")
+        size = file.stat().st_size
+        if file.name in DESCRIPTIONS and size > DESCRIPTION_BYTES:
+            raise ValueError(f"{file.name} has more than {DESCRIPTION_BYTES >> 20} MiB")
+        total += size
+    return total
 
 
 def _described(path: Path, group: str, found: dict[str, Any], cpu_s: float) -> xr.Dataset:

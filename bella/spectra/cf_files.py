@@ -35,11 +35,6 @@ from bella.spectra.dynamic_spectrum import (
 )
 from bella.spectra.positions import KILOMETRES
 
-ZARR_MARKS = ("zarr.json", ".zgroup", ".zmetadata")
-ZARR_METADATA = (*ZARR_MARKS, ".zarray", ".zattrs")
-METADATA_BYTES, STORED_FILES = 1 << 20, 100_000
-"""Largest description of a Zarr group, and most files in a store; a day has a few kilobytes in a few dozen."""
-
 FORM = ("time", "frequency")
 OTHER_NAMES = {
     **dict.fromkeys(("times", "epoch", "utc", "datetime", "time_(utc)", "time_utc"), "time"),
@@ -95,7 +90,6 @@ def open_cf(path: Path, engine: str) -> tuple[xr.Dataset, ...]:
             check_hdf5(path)
         elif engine == "zarr":
             require_extra("zarr")
-            check_descriptions(path)
         with _decoding_times(path), _groups(path, engine) as groups:
             chosen = {
                 name: group for name, group in groups.items() if "intensity" in {_plain(one) for one in group.variables}
@@ -105,26 +99,6 @@ def open_cf(path: Path, engine: str) -> tuple[xr.Dataset, ...]:
             if _claimed_bytes(list(chosen.values())) > INFLATED_BYTES:
                 raise InputError(f"{path} holds more than {INFLATED_BYTES >> 20} MiB: divide it into days")
             return tuple(as_spectrum(group, f"{path}{name}", path.name) for name, group in chosen.items())
-
-
-def check_descriptions(path: Path) -> None:
-    """Hold the descriptions of a store against what a day of spectra can have.
-
-    Parameters
-    ----------
-    path : pathlib.Path
-        Folder of the store.
-
-    Raises
-    ------
-    ValueError
-        If one is too large, or the store has too many files.
-    """
-    for number, file in enumerate(path.rglob("*")):
-        if number > STORED_FILES:
-            raise ValueError(f"it has more than {STORED_FILES} files")
-        if file.name in ZARR_METADATA and file.stat().st_size > METADATA_BYTES:
-            raise ValueError(f"{file.name} has more than {METADATA_BYTES >> 20} MiB")
 
 
 @contextmanager

@@ -18,12 +18,12 @@ import numpy as np
 import xarray as xr
 from pydantic import Field
 
-from bella.containers import ANOTHER, MAGIC, CdfFile, open_cdf
+from bella.containers import ANOTHER, MAGIC, CdfFile, is_zarr, open_cdf
 from bella.exceptions import InputError
 from bella.records import Origin, Record
 from bella.spectra import psp, solo, stereo, wind
 from bella.spectra.assembly import dates_in
-from bella.spectra.cf_files import ZARR_MARKS, open_cf
+from bella.spectra.cf_files import open_cf
 from bella.spectra.positions import with_stated_positions
 
 Spectra = tuple[xr.Dataset, ...]
@@ -330,7 +330,7 @@ def open_spectra(path: str | Path) -> Spectra:
         If there is no such file, or if it is damaged, of no known product or not what its name says.
     """
     path = Path(path)
-    if path.is_dir() and any((path / mark).is_file() for mark in ZARR_MARKS):
+    if is_zarr(path):
         return open_cf(path, "zarr")
     if not path.is_file():
         raise InputError(f"{path} is no file and no Zarr group: check the name")

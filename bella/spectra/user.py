@@ -11,13 +11,12 @@ import numpy as np
 import numpy.typing as npt
 import xarray as xr
 
-from bella.containers import MAGIC
-from bella.exceptions import BellaError, InputError, NoDataError, require_extra
+from bella.containers import MAGIC, is_zarr
+from bella.exceptions import InputError, MissingExtraError, NoDataError, require_extra
 from bella.records import Origin
 from bella.spacecraft import observatory_name
 from bella.spectra.assembly import Origin as Measured
 from bella.spectra.assembly import assemble
-from bella.spectra.cf_files import ZARR_MARKS
 from bella.spectra.combination import by_observatory_of_what_fits
 from bella.spectra.positions import ReceiverPosition, receiver_position
 from bella.spectra.products import FITS, HDF5, IDL, NETCDF3, PACKERS, find_product, open_spectra
@@ -36,6 +35,9 @@ DATA_ENDINGS = (
 )
 PICTURES = (".png", ".jpg", ".jpeg", ".gif", ".ico", ".pdf", ".pyc")
 """First bytes and endings of data that are not read here; endings of what is binary and no data."""
+
+FAULTS_OF_A_FILE = (InputError, NoDataError, MissingExtraError)
+"""After which it is left out. Others, as a killed reader, say nothing of the file."""
 
 HOME_MARK = "catalogue.sqlite"
 """A folder with it holds results, and no spectra of anybody's."""
@@ -105,7 +107,7 @@ class UserFolder:
         for file in self.of(day):
             try:
                 found = open_spectra(file.path)
-            except BellaError as error:  # it could be read when the folder was looked through
+            except FAULTS_OF_A_FILE as error:  # it could be read when the folder was looked through
                 left_out.append(f"left out: {error}")
                 continue
             for spectrum in found:
@@ -161,7 +163,7 @@ def user_days(folder: Path) -> UserFolder:
                 others.append(path.name)
                 continue
             spectra = open_spectra(path)
-        except (BellaError, OSError) as error:
+        except (*FAULTS_OF_A_FILE, OSError) as error:
             left_out.append(f"left out: {error}")
             continue
         times = [one["time"].to_numpy() for one in spectra]
@@ -182,14 +184,10 @@ def _all_in(folder: Path, above: frozenset[Path] = frozenset()) -> Iterator[Path
             continue
         if (path / HOME_MARK).is_file():
             continue
-        if not path.is_dir() or _is_store(path) or not os.access(path, os.R_OK | os.X_OK):
+        if not path.is_dir() or is_zarr(path) or not os.access(path, os.R_OK | os.X_OK):
             yield path
         elif path.resolve() not in above:  # links may lead in a circle
             yield from _all_in(path, above)
-
-
-def _is_store(path: Path) -> bool:
-    return any((path / mark).is_file() for mark in ZARR_MARKS)
 
 
 def _is_candidate(path: Path) -> bool:

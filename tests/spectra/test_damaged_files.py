@@ -427,3 +427,19 @@ def test_chunks_that_lie_about_their_length_do_no_harm(tmp_path: Path, general: 
 
     assert not any(one.read for one in outcomes)
     assert attempt(path).read
+
+
+def test_no_store_is_opened_in_this_process(
+    tmp_path: Path, general: xr.Dataset, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A codec that crashes on a damaged chunk must not take the service with it."""
+    path = tmp_path / "mine.zarr"
+    general.to_zarr(path, consolidated=False)
+
+    def refuse(*_: object, **__: object) -> None:
+        raise AssertionError("opened in this process")
+
+    for name in ("open_datatree", "open_dataset", "open_zarr"):
+        monkeypatch.setattr(xr, name, refuse)
+    monkeypatch.setattr("zarr.open_group", refuse)
+    assert open_spectra(path)[0]["intensity"].notnull().any()
