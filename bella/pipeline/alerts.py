@@ -268,14 +268,14 @@ class _Receiver:
             "X-Bella-Timestamp": timestamp,
             "X-Bella-Signature": signature(self.hook.secret, timestamp, body),
         }
-        with ThreadPoolExecutor(1) as own:
+        with ThreadPoolExecutor(1) as own:  # the caller may be in an event loop
             return own.submit(asyncio.run, _status(target, body, headers, self.settings.webhook_timeout_s)).result()
 
 
 async def _status(target: _Target, body: bytes, headers: dict[str, str], limit_s: float) -> int:
-    """Status that a receiver answers with, within a time: one that sends it byte by byte does not win any.
+    """Status of the answer of a receiver, which has this time in all, even if it answers byte by byte.
 
-    What else it says is not read, and where it sends to is not asked.
+    The rest of the answer is not read, and redirects are not followed.
     """
     client = httpx.AsyncClient(timeout=limit_s, trust_env=False, follow_redirects=False)
     own: dict[str, Any] = {"sni_hostname": target.host}
